@@ -53,6 +53,7 @@ from autopilot.identification.live_filter import (
     moved_on,
 )
 from autopilot.models.norrbin import ROUNDING, Norrbin
+from autopilot.models.steering_gear import RudderBounds, SteeringGear
 from autopilot.signals import HeadingSample, RateSample, RudderSample, Tick
 
 AHEAD_TIME_CONSTANTS, AHEAD_SHORTEST_S, AHEAD_LONGEST_S = 4.0, 3.0, 30.0
@@ -130,7 +131,8 @@ class PredictionTest:
         dt = time - self._at
         outcome = None
         # at a speed of which the filters take nothing the wind turns the boat, and neither model
-        if not (0.0 < dt <= LONGEST_GAP_S and LEAST_RATIO <= ratio <= MOST_RATIO):
+        is_taken = LEAST_RATIO <= ratio <= MOST_RATIO and rudder == rudder
+        if not (0.0 < dt <= LONGEST_GAP_S and is_taken):
             self._begun, self._settled = None, time + SETTLES * self.ahead
         elif self._begun is not None:
             self._turned += wrap(heading - self._heading)
@@ -247,6 +249,9 @@ def is_better_in_hard_turns(outcomes: Iterable[Outcome], hard: float = TURNS_RAD
     return len(tried) >= HARD_TURNS and gained > 0.0
 
 
+AT_ONCE = SteeringGear(math.pi, math.inf)
+
+
 class _Candidate(NamedTuple):
     model: Norrbin
     moved: float
@@ -257,11 +262,14 @@ class Learner:
     """Learns from ticks; see the module's docstring.
 
     chance: with which a model that is not better by as much may be called proved at most; rudder_max: all the rudder
-    there is [rad]. n2 is not known to it.
+    there is [rad]; gear: what moves it. n2 is not known to it.
     """
 
-    def __init__(self, present: Norrbin, chance: float = CHANCE, rudder_max: float = math.inf) -> None:
+    def __init__(
+        self, present: Norrbin, chance: float = CHANCE, rudder_max: float = math.inf, gear: SteeringGear = AT_ONCE
+    ) -> None:
         self._chance, self._hard = chance, min(TURNS_RAD[-1], rudder_max)
+        self._bounds = RudderBounds(gear)
         self.begin(present)
 
     def begin(self, present: Norrbin) -> None:
@@ -296,14 +304,20 @@ class Learner:
 
     def learn(self, tick: Tick, *, steered: bool) -> None:
         """Take a tick. `steered`: the rudder follows our orders; where nobody else tells what it does either, nothing
-        is learnt."""
+        is learnt, nor before the orders tell where it is."""
         state = tick.state
         if any(isinstance(sample, RudderSample) for sample in tick.samples):
             self._rudder_time = tick.now
-        if not state.valid or not (steered or tick.now - self._rudder_time <= RUDDER_FRESH_S):
+        is_fed_back = tick.now - self._rudder_time <= RUDDER_FRESH_S
+        if steered:
+            self._bounds.order(tick.now, tick.command.angle)
+        else:
+            self._bounds.forget()
+        if not state.valid or not (steered or is_fed_back):
             self._rudders.clear()
             return
-        self._rudders.append((tick.now, state.rudder))
+        is_known = is_fed_back or self._bounds.is_known
+        self._rudders.append((tick.now, state.rudder if is_known else math.nan))
         ratio = abs(state.speed) / self.present.reference_speed
         for sample in tick.samples:
             if isinstance(sample, RateSample):
@@ -326,8 +340,8 @@ class Learner:
         self.update(time, self._rudder_at(time), ratio, heading, rate)
 
     def update(self, time: float, rudder: float, ratio: float, heading: float, rate: float | None) -> None:
-        """Take a heading [rad], with a rate [rad/s] where one is measured, and the rudder [rad] at `time` [s], at
-        `ratio` times the reference speed."""
+        """Take a heading [rad], with a rate [rad/s] where one is measured, and the rudder [rad] at `time` [s], nan
+        where nobody knows it, at `ratio` times the reference speed."""
         self._fit.update(time, rudder, ratio, heading, rate)
         self._worked = time if self._fit.learns else self._worked
         if self._prediction_test is not None:

@@ -252,7 +252,8 @@ class LiveFilter:
     ) -> None:
         """Take what is known at `time` [s]: rudder [rad], speed over the reference speed, heading [rad], rate [rad/s].
 
-        Times that do not increase are ignored; after a gap the motion begins anew, what was learnt stays.
+        Times that do not increase are ignored; after a gap, and where the rudder was not known (nan), the motion begins
+        anew, what was learnt stays.
         """
         dt = time - self._at
         if not dt > 0.0:

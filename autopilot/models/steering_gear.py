@@ -125,6 +125,48 @@ class DelayLine:
         return self._value
 
 
+KNOWN_RAD = math.radians(1.0)
+"""A rudder is known within the usual error of a feedback."""
+
+
+class RudderBounds:
+    """Between which angles a rudder lies that nobody measures, since orders began to move it.
+
+    A helm is taken over from somebody else with the rudder anywhere. Of two rudders under the same orders the one that
+    is further to starboard stays so, but for the dead band: the step of a gear never falls with the angle it begins at.
+    So every rudder lies between the two that began hard over to either side, and is known when these have met, to
+    within dead band and play, which leave any rudder apart.
+    """
+
+    def __init__(self, gear: SteeringGear) -> None:
+        self._gear, self._apart = gear, KNOWN_RAD + 2.0 * (gear.dead_band + gear.play)
+        self.forget()
+
+    def forget(self) -> None:
+        """Somebody else moves it."""
+        self._port, self._starboard = -self._gear.angle_max, self._gear.angle_max
+        self._at = self._begun = math.nan
+        self._line = DelayLine(self._gear.delay)
+
+    def order(self, now: float, angle: float) -> None:
+        """Take the order [rad] that stands from `now` [s] on."""
+        if self.is_known:
+            return
+        self._begun = now if math.isnan(self._begun) else self._begun
+        # what was on its way when the helm was taken was somebody else's
+        if self._at - self._begun >= self._gear.delay:
+            stood, dt = self._line.effective(self._at), max(now - self._at, 0.0)
+            self._port = gear_step(self._gear, self._port, stood, dt)
+            self._starboard = gear_step(self._gear, self._starboard, stood, dt)
+        self._line.give(now, angle)
+        self._at = now
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the orders tell where it is."""
+        return self._starboard - self._port <= self._apart
+
+
 RUNS_ON = 3.0
 """After so many coasting times the rudder rests: nothing is opened to the other side before."""
 MEAN_S, VARIANCE_S = 10.0, 40.0

@@ -254,7 +254,7 @@ def learner_of(vessel: Vessel) -> Learner:
 
     if vessel.model.n2_s_rad:
         raise RefusedError(f"vessel {vessel.name!r}: --learn knows no model.n2_s_rad; set it to 0 or leave --learn out")
-    return Learner(model_of(vessel), rudder_max=limits_of(vessel).angle_max)
+    return Learner(model_of(vessel), rudder_max=limits_of(vessel).angle_max, gear=gear_of(vessel))
 
 
 def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.control.limits import RudderLimits, limit
-from autopilot.models.steering_gear import DelayLine, SteeringGear, gear_step
+from autopilot.models.steering_gear import KNOWN_RAD, DelayLine, RudderBounds, SteeringGear, gear_step
 
 anything = st.floats(allow_nan=True, allow_infinity=True)
 LIMITS = RudderLimits(math.radians(30.0), math.radians(20.0))
@@ -74,6 +74,42 @@ def test_the_delay_line_gives_each_order_its_time() -> None:
     assert line.effective(10.0) == 0.0
     with pytest.raises(ValueError, match="finite"):
         DelayLine(math.inf)
+
+
+@given(
+    st.tuples(*[st.floats(-0.5, 0.5)] * 2),
+    st.floats(-0.5, 0.5),
+    st.lists(st.floats(-1.0, 1.0), max_size=40),
+    st.builds(
+        SteeringGear,
+        st.just(0.5),
+        st.sampled_from([0.2, 1.0, math.inf]),
+        st.sampled_from([0.0, 0.3]),
+        st.sampled_from([0.0, 0.01]),
+        st.sampled_from([0.0, 0.35]),
+        to_port=st.sampled_from([1.0, 1.3]),
+        to_starboard=st.just(1.0),
+        play=st.sampled_from([0.0, 0.02]),
+    ),
+)
+def test_a_rudder_is_known_when_orders_have_brought_all_together(
+    begins: tuple[float, float], others: float, orders: list[float], gear: SteeringGear
+) -> None:
+    """Wherever it lay when the helm was taken, and whatever its last helmsman's order on the way was."""
+    bounds, rudders, last = RudderBounds(gear), list(begins), others
+    line = DelayLine(gear.delay, others)
+    held = 2.0 * gear.angle_max / gear.rate_max + 5.0 * gear.lag + gear.delay + 0.3
+    for number, order in enumerate([*orders, *[0.1] * round(held / 0.1)]):
+        now = 0.1 * number
+        rudders = [gear_step(gear, rudder, last, 0.1) for rudder in rudders] if number else rudders
+        bounds.order(now, order)
+        line.give(now, order)
+        last = line.effective(now)
+        if bounds.is_known:
+            assert abs(rudders[0] - rudders[1]) <= KNOWN_RAD + 2.0 * (gear.dead_band + gear.play) + 1e-12
+    assert bounds.is_known, "an order that is held brings any rudder to it"
+    bounds.forget()
+    assert not bounds.is_known
 
 
 @pytest.mark.parametrize(

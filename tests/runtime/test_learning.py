@@ -271,6 +271,23 @@ def test_nothing_is_learnt_where_nobody_tells_the_rudder() -> None:
     assert pilot.learner.estimate == pytest.approx(model_of(off()))
 
 
+@pytest.mark.parametrize("taken_over_deg", [-25.0, 0.0, 25.0])
+def test_a_rudder_that_lay_anywhere_at_takeover_spoils_nothing(taken_over_deg: float) -> None:
+    """No feedback, another's rudder: it was taken to lie amidships, and the zigzag to be answered by a wave."""
+    pilot, boat = build_pilot(off(), learns=True), Boat()
+    boat.plant.rudder = math.radians(taken_over_deg)
+    zigzag = Order(OrderKind.ZIGZAG, 0.0, math.radians(20.0), math.radians(20.0), serial=1)
+    for i in range(int(40.0 / DT)):
+        samples = tuple(each for each in boat.receive(DT * i) if not isinstance(each, RudderSample))
+        tick = pilot.step(DT * i, samples, zigzag)
+        boat.send(DT * i, tick.command)
+        pilot.learn(tick)
+    assert pilot.learner is not None and pilot.learner._fit.learns
+    proposal = pilot.learner.proposal()
+    assert proposal is not None
+    assert proposal.model.gain == pytest.approx(LANXIN.model.K_1_s, rel=0.15)
+
+
 def gusty(vessel: Vessel, heading: Callable[[float], float], seconds: float, seed: int = 1) -> Pilot:
     """Sail under the law in gusts worth 3 deg of rudder that last about 3 s."""
     random = np.random.default_rng(seed)
