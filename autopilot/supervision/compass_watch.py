@@ -265,6 +265,22 @@ class State(NamedTuple):
     rate_off: str = ""
 
 
+def with_rates(measured: Measured) -> tuple[HeadingSample, ...]:
+    """Return the headings, each that has no rate of turn of its own with the one that was measured beside it; with none
+    where rate and headings contradict each other, for a rate that is wrong tells nothing of a heading that stands."""
+    headings, beside = measured.headings, measured.rate
+    if measured.rate_disagrees:
+        return tuple(each if each.rate is None else each._replace(rate=None) for each in headings)
+    if beside is None:
+        return headings
+    return tuple(
+        each._replace(rate=beside.rate)
+        if each.rate is None and abs(each.time - beside.time) <= HEADINGS_APART_S
+        else each
+        for each in headings
+    )
+
+
 def update(
     limits: AlarmLimits, before: State, seen: MonitorInput, measured: Measured
 ) -> tuple[State, tuple[AlarmEvent, ...]]:
@@ -272,7 +288,7 @@ def update(
     standing, sea, jumping, rate, off_since, off_by, rate_off = before
     found: tuple[AlarmEvent, ...] = ()
     if limits.frozen_heading:
-        standing, sea = frozen_step(standing, sea, seen, measured.headings)
+        standing, sea = frozen_step(standing, sea, seen, with_rates(measured))
         if standing.is_frozen:
             found = (AlarmEvent("heading_frozen"),)
     for sample in measured.headings:

@@ -145,15 +145,16 @@ def was_moved(standing: Standing, sea: Sea) -> bool:
     return is_felt and standing.since - sea.flat >= SEA_PROVEN
 
 
-def stood_by(before: Standing, sample: HeadingSample) -> Standing:
-    """Take a heading that is the same as the one before it."""
+def stood_by(before: Standing, sample: HeadingSample, bias: float) -> Standing:
+    """Take a heading that is the same as the one before it; bias [rad/s]: what the rate is off by, as far as known."""
     time, turn_rate = before.time, sample.rate
     if turn_rate is None or not math.isfinite(time):
         return before._replace(samples=before.samples + 1, time=sample.time)
     step = clip(sample.time - time, 0.0, LONGEST_STEP_S)
     moves = before.rate_moves or not (math.isnan(before.last_rate) or turn_rate == before.last_rate)
-    # what is long past may be the bias of the rate sensor, added up
-    turn = (0.0 if math.isnan(before.turn) else before.turn) * math.exp(-step / RATE_FORGOTTEN) + turn_rate * step
+    # what is long past may be what is not known of the bias, added up
+    kept = (0.0 if math.isnan(before.turn) else before.turn) * math.exp(-step / RATE_FORGOTTEN)
+    turn = kept + (turn_rate - bias) * step
     return before._replace(
         samples=before.samples + 1,
         time=sample.time,
@@ -201,7 +202,7 @@ def frozen_step(
             # digits and noise are a compass's own, the sea is not
             sea = Sea(math.inf, sea.deviation, sea.flat, sea.watched, sea.kept)
         elif heading == standing.heading:
-            standing = stood_by(standing, sample)
+            standing = stood_by(standing, sample, seen.rate_bias)
             continue
         else:
             change = heading - standing.heading

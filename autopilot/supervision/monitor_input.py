@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.models.norrbin import Norrbin
-from autopilot.signals import HeadingSample, NavState, RudderSample
+from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample
 from autopilot.supervision.tuning import AT_THE_STOP, SPEED_DOUBT
 
 
@@ -79,12 +79,14 @@ class MonitorInput(NamedTuple):
 
 class Measured(NamedTuple):
     """What a tick's samples tell the watches: its headings and measured rudder angles; what the steering gear says it
-    was commanded, the newest; and what the rate of turn contradicts, '' for nothing."""
+    was commanded, the newest; what the rate of turn contradicts, '' for nothing; and the newest rate of an instrument
+    of its own, None without one."""
 
     headings: tuple[HeadingSample, ...] = ()
     angles: tuple[RudderSample, ...] = ()
     report: RudderSample | None = None
     rate_disagrees: str = ""
+    rate: RateSample | None = None
 
 
 def is_hard_over(seen: MonitorInput) -> bool:

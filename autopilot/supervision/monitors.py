@@ -306,7 +306,7 @@ def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...], 
             wind_time = sample.time
         elif type(sample) is ConditionSample:
             conditions = with_condition(conditions, sample)
-    measured = Measured(headings, angles, report, consistency.found)
+    measured = Measured(headings, angles, report, consistency.found, consistency.rate)
     return State(measured, consistency, compass, rudder, course, conditions, roll, wind_time)
 
 

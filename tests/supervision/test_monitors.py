@@ -11,7 +11,7 @@ from watches import Jumping, Monitors, alarms, trouble
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
-from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RollSample, WindSample
+from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RateSample, RollSample, WindSample
 from autopilot.supervision.course_watch import Spin, Swings
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.monitors import NO_THRUST_SEEN, State, ThrusterLook, thruster_step
@@ -83,6 +83,47 @@ def test_a_frozen_compass_is_seen_before_the_boat_has_turned_far(has_rate: bool)
     assert abs(boat.heading - turned) < math.radians(25.0)
     boat.sail(0.2, 0.05)
     assert trouble(boat.monitors) is None
+
+
+def test_a_gyro_of_its_own_tells_that_the_compass_stands() -> None:
+    """The boat swings by 4 deg to each side, and the rudder lies amidships."""
+    monitors, found = Monitors(LIMITS), math.inf
+    for k in range(120):
+        now = k * DT
+        heading = math.radians(4.0) * math.sin(now) if now < 6.0 else 0.0
+        gyro = RateSample(now, math.radians(4.0) * math.cos(now), "gyro")
+        monitors.on_samples((HeadingSample(now, heading, None, "compass"), gyro))
+        monitors.update(watched(now, heading))
+        if trouble(monitors) == AlarmEvent("heading_frozen"):
+            found = min(found, now)
+    assert found < 11.0
+
+
+@pytest.mark.parametrize("is_own", [True, False])
+@pytest.mark.parametrize("bias_deg_s", [0.7, -0.7])
+def test_a_known_gyro_bias_freezes_no_whole_degree_compass(bias_deg_s: float, is_own: bool) -> None:
+    """It adds up to 7 deg while a boat in flat water keeps its course to a degree."""
+    monitors, bias = Monitors(LIMITS), math.radians(bias_deg_s)
+    for k in range(600):
+        now = k * DT
+        gyro = RateSample(now, bias, "gyro")
+        heading = HeadingSample(now, 0.3, bias + 1.0e-4 * (k % 3) if is_own else None, "compass")
+        monitors.on_samples((heading, gyro))
+        monitors.update(watched(now, 0.3)._replace(rate_bias=bias))
+        found = trouble(monitors)
+        assert found is None or found.name != "heading_frozen"
+
+
+def test_a_rate_that_contradicts_the_heading_freezes_none() -> None:
+    """A gyro that is off by 8 deg/s, beside a whole-degree compass on a course in flat water."""
+    monitors, said = Monitors(LIMITS._replace(rate_disagrees=math.radians(15.0))), set[str]()
+    for k in range(900):
+        now, swing = k * DT, 0.02 * math.sin(k * DT) if k < 300 else 0.0
+        wrong = math.radians(8.0) * min(now / 20.0, 1.0) + 1.0e-4 * (k % 3)
+        monitors.on_samples((HeadingSample(now, round(swing, 2), wrong, "compass"),))
+        monitors.update(watched(now, swing))
+        said |= set(monitors.findings) if now > 30.0 else set()
+    assert said == {"rate_disagrees"}
 
 
 def test_a_coarse_compass_on_a_straight_course_is_not_frozen() -> None:
