@@ -9,7 +9,7 @@ import stat
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from autopilot.control.registry import TRIAL_LAW, filed_laws
 from autopilot.errors import InputError
@@ -27,6 +27,14 @@ ROUTE_MOST_BYTES = 1 << 20
 NOT_READ = (
     "orders are typed at a terminal: what comes by a pipe is not read; over SSH use ssh -t, from programs --serve"
 )
+
+
+def is_pipe(stream: TextIO) -> bool:
+    """Return whether a stream is a pipe's; one that is closed, or no file, is none."""
+    try:
+        return stat.S_ISFIFO(os.fstat(stream.fileno()).st_mode)
+    except (OSError, ValueError):
+        return False
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -148,7 +156,7 @@ def run(arguments: argparse.Namespace) -> int:
         shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, MOB_HELP]
         shown += [SWING_HELP] * (vessel.drive.kind == "two_thrusters") + [LEARN_HELP] * arguments.learn  # fmt: skip
         print("  ".join(shown), PATTERN_HELP, sep="\n")
-    elif sys.stdin is not None and not sys.stdin.closed and stat.S_ISFIFO(os.fstat(sys.stdin.fileno()).st_mode):
+    elif sys.stdin is not None and is_pipe(sys.stdin):
         print(NOT_READ, flush=True)
 
     def watch(app: App, tick: Tick) -> bool:
