@@ -37,7 +37,7 @@ from autopilot.links.mavlink.vehicle import CompanionSettings
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.operators.skipper import Skipper
 from autopilot.runtime.build import build_pilot
-from autopilot.runtime.tuning import VesselStore
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
     AlarmEvent,
     HeadingSample,

@@ -20,7 +20,8 @@ from autopilot.links.ground_station.file_server import metadata_files
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.transports import loopback_pair
 from autopilot.pilot import Pilot
-from autopilot.runtime.tuning import LearningService, TuningService, VesselStore
+from autopilot.runtime.tuning import LearningService, TuningService
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import AlarmSample, Sample
 from autopilot.vessel.parameters import parameters_of
 from autopilot.vessel.schema import Vessel

@@ -228,7 +228,8 @@ def _write_report(
 ) -> None:
     from autopilot.control.design import DESIGNED
     from autopilot.files.saving import save_page
-    from autopilot.report.gains import gains_page, judged
+    from autopilot.report.gains import judged
+    from autopilot.report.gains_page import gains_page
     from autopilot.runtime.tuning import GainRequest, designed
 
     levels = {}

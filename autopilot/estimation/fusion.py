@@ -130,8 +130,6 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
 Noise = tuple[float, float, float, float]
 """An instrument's noise: its variance R, 0 before anything is known; the newest innovation, by how much it was more
 than the one before, nan where none came shortly before, and its time [s]."""
-
-
 NO_NOISE: Noise = (0.0, 0.0, math.nan, -math.inf)
 """Before the first measurement."""
 

@@ -38,7 +38,6 @@ SILENCE_MAX_S = 10.0
 IDENTITY_WAIT_S = 1.2
 IDENTITY_INTERVAL_S = 0.4
 TICK_S = 0.02
-
 Progress = Callable[[int, int], None]
 
 

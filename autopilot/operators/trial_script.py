@@ -336,17 +336,9 @@ class Size(NamedTuple):
 
 
 RADIUS = Size("radius", "m", 1.0, 10000.0)
-
-
 GROWTH = Size("change of radius each turn", "m", -1000.0, 1000.0)
-
-
 ANGLE = Size("angle", "deg", 1.0, 90.0)
-
-
 LEG = Size("leg", "m", 1.0, 100000.0)
-
-
 KINDS: dict[str, tuple[tuple[Size, ...], Callable[..., Pattern]]] = {
     "u": ((), manoeuvres.u_turn),
     "circle": ((RADIUS,), manoeuvres.circle),

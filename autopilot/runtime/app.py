@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from autopilot.operators.skipper import Skipper
     from autopilot.runtime.log_files import Sink
     from autopilot.runtime.record import Recorder
-    from autopilot.runtime.tuning import LearningService, TuningService, VesselStore
+    from autopilot.runtime.tuning import LearningService, TuningService
+    from autopilot.runtime.vessel_store import VesselStore
 
 
 class Machine(NamedTuple):
@@ -268,7 +269,8 @@ class App:
 
     def _store(self, skipper: Skipper) -> VesselStore:
         """Let the numbers of the vessel be changed while it runs."""
-        from autopilot.runtime.tuning import LearningService, TuningService, VesselStore, tuned_file
+        from autopilot.runtime.tuning import LearningService, TuningService
+        from autopilot.runtime.vessel_store import VesselStore, tuned_file
 
         plan, kept = self._plan, tuned_file(self._plan.path)
         refuse = partial(refuse_failsafe, urls=plan.urls)

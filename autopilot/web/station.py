@@ -27,7 +27,7 @@ from autopilot.links.ground_station.file_server import COMPASSES, PARAMETERS, RO
 from autopilot.links.mavlink.codec import MavlinkCodec, Message
 from autopilot.links.mavlink.requests import station_heartbeat
 from autopilot.links.mavlink.signing import Signing
-from autopilot.links.mavlink.vehicle import Belongs, VehicleClock
+from autopilot.links.mavlink.vehicle_clock import Belongs, VehicleClock
 from autopilot.links.url import accept_signed, open_transport, parse_url
 from autopilot.web.journal import AlarmBoard, Journal, ListBoard, compasses_from, route_from
 from autopilot.web.orders import LATE_S, NO_ANSWER, Answer, Asked, Course, OnDone, Orders, Reasons

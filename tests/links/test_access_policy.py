@@ -46,7 +46,7 @@ from autopilot.links.transports.serial_line import SerialTransport
 from autopilot.links.url import open_transport, parse_url
 from autopilot.runtime.build import build_pilot
 from autopilot.runtime.build_links import LinkOptions, Stations, access_rules_of, build_station_links
-from autopilot.runtime.tuning import VesselStore
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,

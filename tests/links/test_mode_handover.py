@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from autopilot.links.mavlink.requests import ModeHandover
+from autopilot.links.mavlink.conditions import ModeHandover
 from autopilot.signals import Mode
 
 GIVE_UP_S = 30.0

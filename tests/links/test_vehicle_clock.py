@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.mavlink.vehicle import WRAP_S, WRAPPED_S, Belongs, VehicleClock
+from autopilot.links.mavlink.vehicle_clock import WRAP_S, WRAPPED_S, Belongs, VehicleClock
 
 WINDOW_S = 10.0
 

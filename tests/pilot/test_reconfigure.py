@@ -14,7 +14,7 @@ from autopilot.errors import InputError
 from autopilot.pilot import Pilot
 from autopilot.runtime.build import build_pilot, law_of, pilot_config
 from autopilot.runtime.build_links import refuse_failsafe
-from autopilot.runtime.tuning import VesselStore, tuned_file
+from autopilot.runtime.vessel_store import VesselStore, tuned_file
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RudderCommand, RudderSample
 from autopilot.vessel.file import load_vessel, parse_vessel
 from autopilot.vessel.schema import Limits, Vessel

@@ -40,12 +40,12 @@ from autopilot.runtime.session import Session
 from autopilot.runtime.tuning import (
     GainRequest,
     LearningService,
-    VesselStore,
     bandwidths_of,
     designed,
     holding_bandwidth,
     with_learnt,
 )
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import (
     HeadingSample,
     NavState,

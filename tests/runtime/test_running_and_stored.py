@@ -24,7 +24,7 @@ from autopilot.firmware.file import schema_text
 from autopilot.links.ground_station.file_server import PARAMETERS, metadata_files
 from autopilot.runtime import build_links
 from autopilot.runtime.build import build_pilot, law_of, pilot_config, track_settings_of, wind_settings_of
-from autopilot.runtime.tuning import VesselStore
+from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind
 from autopilot.vessel.file import OF_THRUST, dump_vessel, load_vessel, parse_vessel
 from autopilot.vessel.parameters import VesselParameter, counts_of, parameters_of, value_of

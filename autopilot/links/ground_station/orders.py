@@ -275,12 +275,8 @@ def _is_custom(base_mode: float) -> bool:
 
 
 HEADING, TRACK, TRIAL, WIND = 15, 10, 3, 1
-
-
 NON_STANDARD, MISSION = 0, 6
 """MAV_STANDARD_MODE."""
-
-
 NOT_SELECTABLE = 2
 """MAV_MODE_PROPERTY: a trial is begun by its command."""
 
@@ -329,8 +325,6 @@ def current_mode(number: int) -> CurrentMode:
 
 CANCELLED = 6
 """MAV_RESULT_CANCELLED, which the dialect does not have."""
-
-
 PROGRESS_S = 1.0
 
 
@@ -403,8 +397,6 @@ def acknowledgement(command: int, result: int, sender: tuple[int, int], percent:
 LEARNING, LEVEL = int(dialect.MAV_CMD_USER_4), int(dialect.MAV_CMD_USER_5)
 """USER_4: learning; 1 adopts the proved model, 2 goes back to the one before.
 USER_5: response level, 1 calm to 9 quick."""
-
-
 ADOPT, REVERT = 1.0, 2.0
 
 

@@ -18,7 +18,7 @@ from autopilot.links.alarm_outputs import StatusTexts, VehicleSounder, severity_
 from autopilot.links.base import CarriedLink, LinkError, Transport
 from autopilot.links.mavlink.authority import HEARTBEAT_TIMEOUT_S, NOT_HEARD
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, message_id
-from autopilot.links.mavlink.conditions import OtherPilot
+from autopilot.links.mavlink.conditions import ModeHandover, OtherPilot
 from autopilot.links.mavlink.frames import SIGNED
 from autopilot.links.mavlink.overrides import OverrideRelease, Stage
 from autopilot.links.mavlink.requests import (
@@ -26,7 +26,6 @@ from autopilot.links.mavlink.requests import (
     OVERRIDE_TIME,
     OVERRIDE_TIME_S,
     STATES,
-    ModeHandover,
     VehicleParameters,
     companion_heartbeat,
     interval_request,

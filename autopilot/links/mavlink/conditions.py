@@ -1,5 +1,7 @@
 """What a vehicle and its surroundings say beside its state: battery, fence, shallow water, another pilot.
 
+And the mode of its own that the vehicle is handed over to in a fail-safe: asked for until it shows in its heartbeat.
+
 SYS_STATUS and BATTERY_STATUS: charge and charge state; SYS_STATUS: fence, compass, AHRS where enabled and unhealthy;
 FENCE_STATUS: breached; STATUSTEXT: "Fence Breached" (ArduPilot, AC_Fence) and what has "shallow" in it; HEARTBEAT: a
 MAV_STATE of a fail-safe.
@@ -24,6 +26,7 @@ from enum import IntEnum
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message, message_id
+from autopilot.links.mavlink.requests import vehicle_command
 from autopilot.signals import AlarmEvent, ConditionSample, Mode, Sample
 from autopilot.supervision.supervisor import CANNOT_ENGAGE
 
@@ -163,7 +166,6 @@ SILENT_S = 3.5
 LISTENS_S = 1.2
 """Each speaks every second: so long it takes to know that nobody else is there."""
 OWN_KEPT = 8
-
 LISTENING = "listening for another pilot on this boat"
 STEERED = "another pilot steers this boat; let it stand by, or start with --with-other-pilot"
 
@@ -233,3 +235,43 @@ class OtherPilot:
         if now - self._steers_time <= SILENT_S:
             return AlarmEvent("other_pilot")
         return AlarmEvent("other_pilot_waits") if now - self._waits_time <= SILENT_S else None
+
+
+HANDOVER_REPEAT_S = 0.5
+HANDOVER_PATIENCE_S = 3.0
+"""A vehicle that is not in the mode after this does not take it; it is asked on, but people must know."""
+HANDOVER_ENDS_S = 30.0
+
+
+class ModeHandover:
+    """Hands the boat over to a mode of the flight controller in a fail-safe, and sees whether it goes."""
+
+    def __init__(self, mode: int) -> None:
+        self._mode = mode
+        self._since: float | None = None
+        self._next = math.nan
+        self._is_done = self._is_reported = False
+
+    def publish_status(self, now: float, mode: Mode) -> None:
+        """Take the pilot's mode: a fail-safe or a fault begins the handover. Who takes the helm then is not fought."""
+        if mode not in (Mode.FAILSAFE, Mode.FAULT):
+            self._since = None
+        elif self._since is None:
+            self._since, self._next, self._is_done = now, now, False
+
+    def due(self, now: float, vehicle: int) -> list[Message]:
+        """Return the command that is due: until the vehicle is in the mode, or half a minute has passed."""
+        if self._since is None or self._is_done or now < self._next or now - self._since > HANDOVER_ENDS_S:
+            return []
+        self._next = now + HANDOVER_REPEAT_S
+        flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        return [vehicle_command(vehicle, dialect.MAV_CMD_DO_SET_MODE, flags, self._mode)]
+
+    def seen(self, now: float, mode: int, link: str) -> list[ConditionSample]:
+        """Take the vehicle's mode; return what has changed in whether it refuses."""
+        self._is_done = self._is_done or (self._since is not None and mode == self._mode)
+        refuses = self._since is not None and not self._is_done and now - self._since > HANDOVER_PATIENCE_S
+        if refuses == self._is_reported:
+            return []
+        self._is_reported = refuses
+        return [ConditionSample(now, "handback_refused", refuses, f"still in mode {mode}" if refuses else "", link)]

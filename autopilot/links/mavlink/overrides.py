@@ -26,27 +26,15 @@ from autopilot.links.rudder_order import LONGEST_PERIOD_S, PATIENCE_S, REPORTS
 
 DISOBEDIENCE_S = 1.0
 """The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
-
-
 AGREEMENT_WEIGHT = 0.5
 """Reports that agree make good half as much: a rudder that follows somebody else every other time is found out too."""
-
-
 PULSE_TOLERANCE_US = 3
-
-
 HISTORY_S = 1.0
 """A report may show any pulse sent within this time."""
-
-
 ECHO_PATIENCE_S = 2.5
 """A slow telemetry radio may take this long from our message to the vehicle's report of it."""
-
-
 STRAGGLER_S = 5.0
 """One order may come so late that it is seen this long after it was sent: an old one of ours, and nobody else's."""
-
-
 RETURN_GAP_S, RETURNS_S = 0.35, 1.5
 """Orders that are released and back within the one, for longer than the other: who steers repeats its own at 5 Hz."""
 

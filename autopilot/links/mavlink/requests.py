@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import Message
 from autopilot.models.drives import DRIVES, DriveKind, Needs
-from autopilot.signals import AlarmEvent, ConditionSample, Mode
+from autopilot.signals import AlarmEvent, Mode
 
 FIRST_CHECK_S = 0.7
 CHECK_S = 2.0
@@ -469,41 +469,3 @@ def obstacle_of(autopilot: int, kind: int, offboard: bool = False) -> str:
 
 MODES = {"HOLD": 4, "LOITER": 5, "RTL": 11}
 """ArduRover's custom modes; source: ArduPilot, Rover/mode.h."""
-HANDOVER_REPEAT_S = 0.5
-HANDOVER_PATIENCE_S = 3.0
-"""A vehicle that is not in the mode after this does not take it; it is asked on, but people must know."""
-HANDOVER_ENDS_S = 30.0
-
-
-class ModeHandover:
-    """Hands the boat over to a mode of the flight controller in a fail-safe, and sees whether it goes."""
-
-    def __init__(self, mode: int) -> None:
-        self._mode = mode
-        self._since: float | None = None
-        self._next = math.nan
-        self._is_done = self._is_reported = False
-
-    def publish_status(self, now: float, mode: Mode) -> None:
-        """Take the pilot's mode: a fail-safe or a fault begins the handover. Who takes the helm then is not fought."""
-        if mode not in (Mode.FAILSAFE, Mode.FAULT):
-            self._since = None
-        elif self._since is None:
-            self._since, self._next, self._is_done = now, now, False
-
-    def due(self, now: float, vehicle: int) -> list[Message]:
-        """Return the command that is due: until the vehicle is in the mode, or half a minute has passed."""
-        if self._since is None or self._is_done or now < self._next or now - self._since > HANDOVER_ENDS_S:
-            return []
-        self._next = now + HANDOVER_REPEAT_S
-        flags = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        return [vehicle_command(vehicle, dialect.MAV_CMD_DO_SET_MODE, flags, self._mode)]
-
-    def seen(self, now: float, mode: int, link: str) -> list[ConditionSample]:
-        """Take the vehicle's mode; return what has changed in whether it refuses."""
-        self._is_done = self._is_done or (self._since is not None and mode == self._mode)
-        refuses = self._since is not None and not self._is_done and now - self._since > HANDOVER_PATIENCE_S
-        if refuses == self._is_reported:
-            return []
-        self._is_reported = refuses
-        return [ConditionSample(now, "handback_refused", refuses, f"still in mode {mode}" if refuses else "", link)]

@@ -350,36 +350,16 @@ def product(device: Device) -> bytes:
 
 
 KINDS = {Priority.EMERGENCY: 1, Priority.ALARM: 2, Priority.WARNING: 5, Priority.CAUTION: 8}
-
-
 NAVIGATIONAL = 0
-
-
 NORMAL, ACTIVE, ACKNOWLEDGED, AWAITING = 1, 2, 4, 5
 """States of an alert; the last: it is over, and nobody has acknowledged it."""
-
-
 CAN_BE_ACKNOWLEDGED, IS_ACKNOWLEDGED = 1 << 4, 1 << 1
-
-
 AUTOMATIC, EXCEEDED, WITHIN = 1, 1, 0
-
-
 ENGLISH = 1
-
-
 NOBODY = 0xFFFFFFFFFFFFFFFF
-
-
 HEAD = struct.Struct("<BBBHQBBB")
-
-
 REPEATED_S = 5.0
-
-
 OCCURRENCES = 250
-
-
 TEXT_MOST = 120
 
 
