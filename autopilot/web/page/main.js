@@ -149,7 +149,8 @@ function drawLink() {
     trouble = boat.state.line;
   } else if (age === null) {
     word = "no boat yet";
-    trouble = "No pilot heard yet. Is autopilot run --serve running, and sending to this machine?";
+    // a boat that is being set up has no pilot yet
+    trouble = document.body.dataset.page === "begin" ? "" : "No pilot heard yet. Is autopilot run --serve running, and sending to this machine?";
   } else if (age > 3) {
     word = "no data";
     trouble = `No data from the boat for ${Math.round(age)} s. What you see is old: steer by hand if in doubt.`;
@@ -157,7 +158,7 @@ function drawLink() {
   document.body.dataset.link = word;
   byId("link-word").textContent = word;
   // what is touched now does not arrive
-  byId("who-word").textContent = !may() ? "view only" : trouble ? "" : "you may steer";
+  byId("who-word").textContent = !may() ? "view only" : word === "live" ? "you may steer" : "";
   byId("looking").hidden = document.body.dataset.may !== "no";
   stale.hidden = !trouble;
   if (stale.textContent !== trouble) stale.textContent = trouble;

@@ -19,24 +19,29 @@ async function mark(name, done) {
 function draw(steps) {
   byId("begin-link").hidden = !steps;
   if (!steps) return;
-  const left = steps.filter((step) => step.state !== "done").length;
-  byId("steps-word").textContent = left ? `${steps.length - left} of ${steps.length} done.` : "All done: the boat steers.";
+  const left = steps.filter((step) => step.state !== "done").length, command = steps[0].command;
+  byId("steps-word").textContent = left ? `${steps.length - left} of ${steps.length} done.` : `All done: the boat steers. In a terminal, ${command} shows the commands of every day.`;
   byId("step-rows").replaceChildren(...steps.map((step, place) => {
-    const row = make("li", "", step.state);
-    row.append(make("b", `${step.state === "done" ? "✓" : place + 1} ${step.title}`));
-    if (step.when) row.append(make("small", `done ${step.when}`));
+    const row = make("li", "", step.state), head = make("div"), isDone = step.state === "done";
+    head.append(make("b", `${isDone ? "✓" : place + 1} ${step.title}`));
+    if (step.when) head.append(make("small", `done ${step.when.slice(0, 16)}`));
+    row.append(head);
     if (step.state === "next") {
-      row.append(make("p", step.before), make("code", step.command), make("p", `Good enough: ${step.good}.`), make("p", `If not: ${step.otherwise}.`));
+      const otherwise = make("ul");
+      otherwise.append(...step.otherwise.split("; ").map((words) => make("li", words)));
+      row.append(make("p", step.before), make("p", "In a terminal of the boat's computer:"), make("code", step.command), make("p", `Good enough: ${step.good}.`), make("p", "If not:"), otherwise);
       if (step.question) row.append(make("p", step.question));
     }
     if (may() && step.state !== "later") {
-      const isDone = step.state === "done", button = make("button", isDone ? "Do again" : "It is done");
+      const button = make("button", isDone ? "Do again" : "It is done");
       button.type = "button";
+      button.setAttribute("aria-label", `${button.textContent}: ${step.title}`);
       button.addEventListener("click", () => mark(step.name, !isDone));
       row.append(button);
     }
     return row;
   }));
+  document.querySelector("#step-rows > .next")?.scrollIntoView();
 }
 
 export async function showSteps() {
