@@ -23,7 +23,7 @@ way; nothing is steered. Exit code 0: go, perhaps with warnings; 4: no go, as wh
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the subcommand."""
-    from autopilot.cli.options import add_waiting_option, number
+    from autopilot.cli.options import SPEEDUP, add_waiting_option, number
 
     parser.description = DESCRIPTION
     parser.add_argument("vessel", metavar="VESSEL.yaml", nargs="?", help="vessel file, or the name of a shipped one")
@@ -38,6 +38,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--log", metavar="FILE.tlog", help="a log of `autopilot run` or `trial`: how late orders came to the rudder"
+    )
+    parser.add_argument(
+        "--speedup", action=SPEEDUP, default=1.0, metavar="X", help="for a simulator that runs X times faster"
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
@@ -114,7 +117,7 @@ def _links(arguments: argparse.Namespace, vessel: Vessel) -> list[Finding]:
     arrivals: dict[str, RecordingTransport] = {}
     options = LinkOptions(as_gcs=arguments.as_gcs, arrivals=arrivals, opened=patience_of(arguments))
     opened = partial(open_links, vessel, arguments.link, options)
-    clock, timeout = MonotonicClock(), vessel.failsafe.heading_timeout_s
+    clock, timeout = MonotonicClock(arguments.speedup), vessel.failsafe.heading_timeout_s
     return examine(opened, clock, arguments.seconds, timeout, vessel, lambda: came(arrivals.values()))
 
 

@@ -233,11 +233,12 @@ STEPS = (
         "proof of control, sign and end stops",
         "At the dock, propeller stopped. The rudder moves 10 deg to starboard and to port, then in steps to the "
         "starboard stop and to the port one. Keep hands clear and the power switch at hand, and press Ctrl-C as soon "
-        "as it touches a stop: that releases it. Two thrusters run, one ahead and one astern: tie the boat up well.",
+        "as it touches a stop: that releases it. Of two thrusters one runs ahead and one astern: tie the boat up well.",
         _rudder,
         "it steered to starboard first, then to port, and no stop was touched",
-        "wrong side first: reverse it at the drive or in SERVOn_REVERSED; against a stop: set rudder.angle_max_deg "
-        "lower; too little or too much: measure helm.rudder_at_full_pwm_deg and helm.servo_us",
+        "it ended early: do what its last lines say; wrong side first: reverse it at the drive or in SERVOn_REVERSED; "
+        "against a stop: set rudder.angle_max_deg lower; too little or too much: measure helm.rudder_at_full_pwm_deg "
+        "and helm.servo_us",
         "Did it steer to starboard first, then to port, and was no stop touched?",
         _rudder_log,
     ),
@@ -281,6 +282,9 @@ STEPS = (
         _hold_log,
     ),
 )
+
+
+ZIGZAG = next(step for step in STEPS if step.name == "zigzag")
 
 
 def _are_words(values: list[object]) -> bool:
@@ -491,8 +495,8 @@ def _go_on(arguments: argparse.Namespace, talk: Talk) -> int:
 
 
 def _pace(step: Step, arguments: argparse.Namespace) -> tuple[str, ...]:
-    steers = step.name in ("rudder", "zigzag", "identify", "hold")
-    return ("--speedup", f"{arguments.speedup:g}") if steers and arguments.speedup != 1.0 else ()
+    is_on_links = step.name != "gains"
+    return ("--speedup", f"{arguments.speedup:g}") if is_on_links and arguments.speedup != 1.0 else ()
 
 
 def typed(words: str) -> str:
@@ -671,9 +675,11 @@ def _look_again(boat: Boat, talk: Talk) -> int:
     What is still not known, the first hold decides: a file is written where gains serve at both ends of what is open.
     """
     code = int(ExitCode.REFUSED)
-    if not _larger(_zigzags(boat)[-1]) and talk.yes("Sail a larger zigzag, to be identified with the first?"):
-        if code := _run(_sail_larger(boat), talk):
-            return code
+    again = " once more" if _larger(_zigzags(boat)[-1]) else ""
+    if talk.yes(f"Sail a larger zigzag{again}, to be identified with the first?"):
+        if sailed := _run(_sail_larger(boat), talk):
+            print(f"The larger zigzag is not done. If {ZIGZAG.otherwise}; then the same command asks for it again.")
+            return sailed
         code = _run(_identify(boat), talk)
     if code == ExitCode.REFUSED and talk.yes(
         "Go on with what is known, where gains serve it? The first hold will show"

@@ -62,6 +62,9 @@ class Steered:
         self._bins = [0.0] * (BINS + 1)
         self._last: Tick | None = None
         self._course: float | None = None
+        self._swings_out: tuple[float, float, float] | None = None
+        """Engaged on its heading in a turn, it goes past and comes back: which way it turned (+1, -1), when, and how
+        far past it was at most [rad]."""
         self._turn: tuple[float, float, float, float] | None = None
         """The turn under way: its angle [rad], when it began, when it was last outside [s], how far past [rad]."""
         self._trial: tuple[float, float] | None = None
@@ -175,16 +178,30 @@ class Steered:
         if not order.is_led and abs(change) >= TURN_LEAST:
             self._end_turn(tick.now)
             self._turn = (change, tick.now, tick.now, 0.0)
+        elif self._course is None and abs(tick.state.rate) * STAYS_S > SETTLED:
+            self._swings_out = (math.copysign(1.0, tick.state.rate), tick.now, 0.0)
         if self._course is None or abs(change) >= TURN_LEAST or self._turn is None:
             self._course = course
         if self._turn is not None:
+            self._swings_out = None
             self._go_on(tick, wrap(tick.state.heading - course))
+            return
+        if self._is_out(tick, wrap(tick.state.heading - course)):
             return
         off = math.degrees(wrap(tick.state.heading - (tick.reference.heading if order.is_led else course)))
         self.on_course += step
         self._held_travel += self._moved
         self._squares += step * math.degrees(wrap(tick.state.heading - tick.reference.heading)) ** 2
         self._bins[min(int(abs(off) / BIN_DEG), BINS)] += step
+
+    def _is_out(self, tick: Tick, error: float) -> bool:
+        if self._swings_out is not None:
+            side, began, most = self._swings_out
+            past = side * error
+            is_back = past <= SETTLED and (most > SETTLED or side * tick.state.rate <= 0.0)
+            is_over = is_back or tick.now - began >= TURN_MOST_S
+            self._swings_out = None if is_over else (side, began, max(most, past))
+        return self._swings_out is not None
 
     def _go_on(self, tick: Tick, error: float) -> None:
         assert self._turn is not None
@@ -221,7 +238,7 @@ class Steered:
 
     def _leave(self, now: float) -> None:
         self._end_turn(now)
-        self._course = self._trial = None
+        self._course = self._trial = self._swings_out = None
 
 
 EXECUTES_ENOUGH = 4

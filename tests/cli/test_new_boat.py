@@ -158,6 +158,14 @@ def test_it_goes_on_where_it_was_left(
     assert "5. next  the gains" in capsys.readouterr().out
 
 
+def test_a_simulator_that_runs_faster_is_met_at_its_pace(commands: list[list[str]], tmp_path: Path) -> None:
+    given = ["new-boat", str(tmp_path / "mine.yaml"), "--link", "udpin:127.0.0.1:1", "--yes", "--speedup", "10"]
+    assert main([*given, *NUMBERS]) == 4
+    on_links = [command for command in commands if "--link" in command]
+    assert [command[0] for command in on_links] == ["doctor", "trial", "trial"]
+    assert all(command[command.index("--speedup") + 1] == "10" for command in on_links), "overrides lapse by its clock"
+
+
 def test_a_step_that_was_done_by_hand_is_gone_past(
     commands: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

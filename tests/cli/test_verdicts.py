@@ -13,11 +13,12 @@ from boat_at_sea import SPEED, Sea
 from lockstep import Lockstep
 from memory import measured
 
+from autopilot.angles import wrap
 from autopilot.cli.main import main
 from autopilot.files.printable import json_text
 from autopilot.report.log_pages import compared, document_of_runs, measures_of_run, run_of, table_of_runs
 from autopilot.report.steered import Steered, Turn, trial_verdict
-from autopilot.signals import Mode, Tick
+from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.vessel.file import dump_vessel, load_vessel
 
 
@@ -61,6 +62,47 @@ def test_engaging_on_another_course_is_judged_as_a_turn() -> None:
     steered = run_of("a", sea.ticks).steered
     assert steered.verdict is not None and steered.verdict.grade == "good"
     assert [round(math.degrees(turn.angle)) for turn in steered.turns] == [90]
+
+
+def engaged_in_a_turn() -> list[Tick]:
+    """Return the ticks of a boat that is engaged on its heading while it turns, and goes past."""
+    sea = Sea()
+    sea.skipper.engage(None)
+    sea.sail(1.0)
+    sea.skipper.type_line("r 25")
+    sea.sail(10.0)
+    sea.skipper.engage(None)
+    sea.sail(60.0)
+    held = [tick for tick in sea.ticks if tick.now > 2.0 and tick.order.kind is OrderKind.HEADING]
+    assert math.degrees(abs(held[0].state.rate)) > 10.0
+    assert math.degrees(max(abs(wrap(tick.state.heading - held[-1].order.heading)) for tick in held)) > 6.0
+    return held
+
+
+def test_to_be_engaged_in_a_turn_is_no_course_badly_held() -> None:
+    held = engaged_in_a_turn()
+    steered = run_of("a", held).steered
+    assert steered.verdict is not None and steered.verdict.grade == "good"
+    assert 40.0 < steered.on_course < 58.0 and not steered.turns
+
+
+def test_a_boat_that_swings_after_a_turn_is_still_called_so() -> None:
+    held = engaged_in_a_turn()
+    from_then = [tick._replace(now=tick.now - held[0].now) for tick in held]
+    steered = run_of("a", worse(from_then, 10.0)).steered
+    assert steered.verdict is not None and steered.verdict.grade == "poor"
+
+
+def test_a_boat_that_never_comes_out_of_its_turn_is_not_judged_good() -> None:
+    held = engaged_in_a_turn()
+    away = [
+        tick._replace(
+            state=tick.state._replace(heading=held[0].state.heading + 0.01 * (tick.now - held[0].now), rate=0.01)
+        )
+        for tick in held
+    ]
+    verdict = run_of("a", away).steered.verdict
+    assert verdict is not None and verdict.sentence == "too short to judge: the turn to the course was not over"
 
 
 def test_a_run_that_ends_in_its_first_turn_has_a_verdict_too() -> None:
