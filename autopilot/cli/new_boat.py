@@ -219,6 +219,9 @@ def _hold_log(boat: Boat) -> list[str]:
     return against
 
 
+TOO_FAST = (
+    "it turned much faster than its file says: if length or speed was typed wrong, remove the file and begin again"
+)
 STEPS = (
     Step(
         "doctor",
@@ -236,9 +239,9 @@ STEPS = (
         "as it touches a stop: that releases it. Of two thrusters one runs ahead and one astern: tie the boat up well.",
         _rudder,
         "it steered to starboard first, then to port, and no stop was touched",
-        "it ended early: do what its last lines say; wrong side first: reverse it at the drive or in SERVOn_REVERSED; "
-        "against a stop: set rudder.angle_max_deg lower; too little or too much: measure helm.rudder_at_full_pwm_deg "
-        "and helm.servo_us",
+        f"it ended early: do what its last lines say; {TOO_FAST}; wrong side first: reverse it at the drive or in "
+        "SERVOn_REVERSED; against a stop: set rudder.angle_max_deg lower; too little or too much: measure "
+        "helm.rudder_at_full_pwm_deg and helm.servo_us",
         "Did it steer to starboard first, then to port, and was no stop touched?",
         _rudder_log,
     ),
@@ -250,8 +253,8 @@ STEPS = (
         _zigzag,
         "it was sailed to its end, and its last lines say good, or good for a start",
         "it ended early: more room, or less sea, or, where the boat turned against its rudder, see to its side with "
-        "--redo rudder; no way was made: get under way first; the heading hardly swung: look whether the rudder moves, "
-        "with --redo rudder",
+        f"--redo rudder; {TOO_FAST}; no way was made: get under way first; the heading hardly swung: look whether the "
+        "rudder moves, with --redo rudder",
         again="Sail another at another throttle (a quarter, a half, three quarters)?",
     ),
     Step(
@@ -465,6 +468,8 @@ def _go_on(arguments: argparse.Namespace, talk: Talk) -> int:
         if arguments.list:
             raise InputError(f"{file}: not there yet; autopilot new-boat {file} begins it")
         write_boat(arguments, talk)
+        # what was done with a file that is gone says nothing of this boat
+        checklist.done.clear()
     if arguments.list:
         print("\n".join(checklist.lines()))
         return int(ExitCode.OK)
@@ -562,7 +567,7 @@ class Talk:
 def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
     """Ask what the boat is like and write its file. Raises InputError."""
     from autopilot.identification.verdict import KNOT_M_S
-    from autopilot.vessel.file import doubted, dump_vessel, first_model, rounded
+    from autopilot.vessel.file import doubted, dump_vessel, first_model, parse_vessel, rounded
 
     file: Path = arguments.file
     check_folder(file)
@@ -599,8 +604,18 @@ def write_boat(arguments: argparse.Namespace, talk: Talk) -> None:
         guidance=guidance,
         helm=Helm(rudder_at_full_pwm_deg=stop, source=source),
     )
-    save_text(file, dump_vessel(boat), overwrite=False)
-    print("\n".join([f"wrote {file}; its model is {boat.model.source}", *doubted(file, boat)]))
+    text = dump_vessel(boat)
+    try:
+        parse_vessel(text, str(file))
+    except InputError as error:
+        raise InputError(
+            f"nothing was written: no boat is {length:g} m long and sails {speed:g} kn ({error})"
+        ) from error
+    save_text(file, text, overwrite=False)
+    print(f"wrote {file}; its model is {boat.model.source}")
+    if doubts := doubted(file, boat):
+        print("\n".join(doubts))
+        print(f"If length or speed was typed wrong: press Ctrl-C, remove {file}, and begin again.")
 
 
 def links_of(arguments: argparse.Namespace, checklist: Checklist, talk: Talk) -> tuple[str, ...]:

@@ -158,6 +158,54 @@ def test_it_goes_on_where_it_was_left(
     assert "5. next  the gains" in capsys.readouterr().out
 
 
+def test_a_file_that_was_removed_is_begun_from_the_first_step(commands: list[list[str]], tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    checklist = Checklist(file)
+    for step in STEPS:
+        checklist.tick_off(step, WHEN)
+    checklist.links = ("--link", "udpin:127.0.0.1:1")
+    checklist.save()
+    assert main(["new-boat", str(file), "--yes", *NUMBERS]) == 4
+    assert commands[0][0] == "doctor" and load_vessel(file).control.backstepping is None
+
+
+def test_numbers_of_no_boat_leave_no_file_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["new-boat", str(tmp_path / "mine.yaml"), "--link", "udpin:127.0.0.1:1", "--yes", "--length-m", "0.2"]
+    assert main([*given, "--speed-kn", "60", *NUMBERS[4:]]) == 2
+    assert "nothing was written: no boat is 0.2 m long and sails 60 kn" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_unusual_numbers_are_said_before_the_first_step(
+    commands: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.yaml"
+    given = ["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", "--length-m", "1.2", "--speed-kn", "27"]
+    assert main([*given, *NUMBERS[4:]]) == 4
+    assert f"typed wrong: press Ctrl-C, remove {file}, and begin again" in capsys.readouterr().out
+
+
+def test_a_larger_zigzag_that_ended_early_is_sailed_again(
+    commands: list[list[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def ending_early(command: Sequence[str]) -> int:
+        commands.append(list(command[3:]))
+        if "--log" in command:
+            Path(command[command.index("--log") + 1]).write_text("")
+        return 4 if command[3] == "identify" or "larger" in Path(command[-1]).name else 0
+
+    monkeypatch.setattr(new_boat, "run_child", ending_early)
+    file = tmp_path / "mine.yaml"
+    for more in (NUMBERS, ()):
+        assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *more]) == 4
+        said = capsys.readouterr().out
+        assert "The larger zigzag is not done. If it ended early" in said and "asks for it again" in said
+    assert [command[-1] for command in commands if "larger" in Path(command[-1]).name] == [
+        str(tmp_path / "mine-zigzag-larger.tlog"),
+        str(tmp_path / "mine-zigzag-larger-2.tlog"),
+    ]
+
+
 def test_a_simulator_that_runs_faster_is_met_at_its_pace(commands: list[list[str]], tmp_path: Path) -> None:
     given = ["new-boat", str(tmp_path / "mine.yaml"), "--link", "udpin:127.0.0.1:1", "--yes", "--speedup", "10"]
     assert main([*given, *NUMBERS]) == 4
