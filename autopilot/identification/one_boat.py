@@ -74,7 +74,7 @@ class Differing(NamedTuple):
 
     def sentence(self) -> str:
         """Return what differs, and what to look for."""
-        first, second = (self._values(rates) for rates in self.rates)
+        first, second, both = (self._values(rates) for rates in (*self.rates, self.whole))
         named = (("K", "1/s"), ("T", "s")) if len(first) > 1 else (("K/T", "1/s^2"),)
         said = [
             f"{symbol} {x:.3g} and {y:.3g} {unit}" for (symbol, unit), x, y in zip(named, first, second, strict=True)
@@ -82,6 +82,10 @@ class Differing(NamedTuple):
         if any(self.late):
             said.append(f"a rudder late by {self.late[0]:.2g} and {self.late[1]:.2g} s")
         apart = f"{', '.join(said)} by each alone"
+        if max(abs(math.log(x / y)) for x, y in zip(first, second, strict=True)) < LEAST_APART:
+            # alike, and unlike what was found for both
+            together = ", ".join(f"{symbol} {x:.3g} {unit}" for (symbol, unit), x in zip(named, both, strict=True))
+            apart += f", but {together} by both together"
         if not self.is_doubtful:
             return f"{self.one} and {self.other} differ by more than gusts explain: {apart}; the intervals hold both"
         return (

@@ -74,6 +74,14 @@ def test_one_boat_in_two_logs_is_good() -> None:
         assert is_named == (grade != "good")
 
 
+def test_parts_that_are_alike_name_the_model_of_both() -> None:
+    alone, whole = np.array([0.032, 0.19, 5.0, 0.0]), np.array([0.03, 0.05, 5.0, 0.0])
+    sentence = Differing("one.csv", "two.csv", (alone, 0.98 * alone), whole, (0.0, 0.0), 1.0e-6).sentence()
+    assert "K 0.168 and 0.168 1/s, T 5.26 and 5.37 s by each alone, but K 0.6 1/s, T 20 s by both together" in sentence
+    unlike = Differing("one.csv", "two.csv", (alone, alone * (1.4, 1.0, 1.0, 1.0)), whole, (0.0, 0.0), 1.0e-6)
+    assert "by both together" not in unlike.sentence()
+
+
 def test_two_boats_a_quarter_apart_are_never_called_good() -> None:
     runs = sailed_by(BOAT, BOAT._replace(a=BOAT.a / 1.25))
     grade, sentence = verdict_on_runs(identify(runs), runs, math.inf)
