@@ -482,7 +482,8 @@ def _go_on(arguments: argparse.Namespace, talk: Talk) -> int:
                 take(step, Boat(file, (*checklist.links, *_pace(step, arguments)), load_vessel(file)), talk)
         except KeyboardInterrupt:
             print(f"\nLeft before step {STEPS.index(step) + 1} was done: {step.title}.")
-            print(f"If something was wrong: {step.otherwise}.\nTo carry on here: autopilot new-boat {file}")
+            wrong = "If something was wrong:"
+            print("\n".join([*_remedies(step, wrong), f"To carry on here: autopilot new-boat {file}"]))
             raise
         checklist.tick_off(step, datetime.now())
         checklist.save()
@@ -673,10 +674,12 @@ def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
     against = "; ".join(step.check(boat)) if code == 0 else ""
     if code != 0 or against or (step.question and not talk.yes(step.question)):
         why = f": {against}" if against else ", as said above" if code != 0 else ""
-        raise RefusedError(
-            f"step {number} ({step.title}) is not done{why}. Good enough is: {step.good}. "
-            f"If not: {step.otherwise}; {again}"
-        )
+        print("\n".join([f"Good enough is: {step.good}.", *_remedies(step)]), flush=True)
+        raise RefusedError(f"step {number} ({step.title}) is not done{why}; do what stands above, {again}")
+
+
+def _remedies(step: Step, heading: str = "If not:") -> list[str]:
+    return [heading, *(f"  - {words}" for words in step.otherwise.split("; "))]
 
 
 def _run(command: list[str], talk: Talk) -> int:
@@ -693,7 +696,7 @@ def _look_again(boat: Boat, talk: Talk) -> int:
     again = " once more" if _larger(_zigzags(boat)[-1]) else ""
     if talk.yes(f"Sail a larger zigzag{again}, to be identified with the first?"):
         if sailed := _run(_sail_larger(boat), talk):
-            print(f"The larger zigzag is not done. If {ZIGZAG.otherwise}; then the same command asks for it again.")
+            print("\n".join(["The larger zigzag is not done; it is asked for again.", *_remedies(ZIGZAG)]), flush=True)
             return sailed
         code = _run(_identify(boat), talk)
     if code == ExitCode.REFUSED and talk.yes(

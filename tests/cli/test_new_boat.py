@@ -145,8 +145,9 @@ def test_it_goes_on_where_it_was_left(
     file.write_text(dump_vessel(load_vessel("lanxin")))
     given = ["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--as-gcs", "--yes"]
     assert main(given) == 4
-    said = capsys.readouterr().err
-    assert "step 5 (the gains) is not done" in said and "Good enough is" in said and "If not" in said
+    said, error = capsys.readouterr()
+    assert "step 5 (the gains) is not done" in error and "Good enough is: the margins are kept" in said
+    assert "If not:\n  - the sentence says which margin is missing" in said
     assert [command[0] for command in commands] == ["doctor", "trial", "trial", "identify", "gains"]
     assert all(command[2:5] == ["--link", "udpin:127.0.0.1:1", "--as-gcs"] for command in commands[:1])
     kept = json.loads((tmp_path / "mine.commissioning.json").read_text())
@@ -199,7 +200,7 @@ def test_a_larger_zigzag_that_ended_early_is_sailed_again(
     for more in (NUMBERS, ()):
         assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *more]) == 4
         said = capsys.readouterr().out
-        assert "The larger zigzag is not done. If it ended early" in said and "asks for it again" in said
+        assert "The larger zigzag is not done; it is asked for again.\nIf not:\n  - it ended early" in said
     assert [command[-1] for command in commands if "larger" in Path(command[-1]).name] == [
         str(tmp_path / "mine-zigzag-larger.tlog"),
         str(tmp_path / "mine-zigzag-larger-2.tlog"),
@@ -300,7 +301,7 @@ def test_who_leaves_is_shown_where_it_goes_on(
         main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"])
     said = capsys.readouterr().out
     assert "Left before step 1 was done: this computer and the links." in said
-    assert "If something was wrong: do what stands behind each arrow" in said
+    assert "If something was wrong:\n  - do what stands behind each arrow" in said
     assert f"To carry on here: autopilot new-boat {file}" in said
 
 
@@ -374,8 +375,8 @@ def test_a_hold_that_swings_is_not_ticked_off(
     file.write_text(dump_vessel(load_vessel("lanxin")))
     monkeypatch.setattr(new_boat, "run_child", holding(off_deg, mode, beside_deg))
     assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"]) == 4
-    error = capsys.readouterr().err
-    assert said in error and "Good enough is: its last lines say good or fair" in error and "If not: it swings" in error
+    out, error = capsys.readouterr()
+    assert said in error and "Good enough is: its last lines say good or fair" in out and "  - it swings" in out
     assert "hold" not in Checklist(file).done
 
 
