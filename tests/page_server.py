@@ -15,7 +15,7 @@ import uvicorn
 from monitored_boat import Watched
 
 from autopilot.web.hub import Access, Hub
-from autopilot.web.server import LogIndex, build_app
+from autopilot.web.server import LogIndex, Steps, build_app
 
 TOKEN = "a-token-of-many-letters"
 CHROMIUM_OPTIONS = (
@@ -51,11 +51,14 @@ class Served(uvicorn.Server):
 
 
 @contextlib.contextmanager
-def served(sea: Watched, logs: Path | None = None) -> Iterator[tuple[str, SailingHub]]:
+def served(sea: Watched, logs: Path | None = None, steps: Steps | None = None) -> Iterator[tuple[str, SailingHub]]:
     """Serve the page of `sea` while the block lasts; yield its address and the hub."""
     hub = SailingHub(sea)
     config = uvicorn.Config(
-        build_app(hub, Access(TOKEN), LogIndex(logs)), log_level="warning", ws="none", timeout_graceful_shutdown=1
+        build_app(hub, Access(TOKEN), LogIndex(logs), steps),
+        log_level="warning",
+        ws="none",
+        timeout_graceful_shutdown=1,
     )
     server = Served(config)
     with socket.create_server(("127.0.0.1", 0)) as sock:

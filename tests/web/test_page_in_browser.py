@@ -17,6 +17,7 @@ from boats import BOATS, vessel_of
 from monitored_boat import BothAlarms, Watched, noted
 from page_server import TOKEN, SailingHub, chromium, served
 
+from autopilot.cli.new_boat import PageOfSteps
 from autopilot.signals import AlarmEvent, AlarmSample
 from autopilot.vessel.schema import Vessel
 
@@ -570,3 +571,27 @@ def test_axe_finds_nothing_on_any_page_in_any_state_and_light(helm: Helm) -> Non
     looks.evaluate(f"document.querySelectorAll('.main-nav a').forEach((at) => {{ at.style = '{small}'; }})")
     assert {each.partition(":")[0] for each in violations(looks)} >= {"page-has-heading-one", "target-size"}
     looks.context.close()
+
+
+@pytest.mark.parametrize("size", [(320, 640), (390, 844), (844, 390), (1366, 800)], ids=["320", "390", "wide", "desk"])
+def test_the_next_step_of_a_new_boat_is_in_view(size: tuple[int, int], browser: Any, tmp_path: Path) -> None:
+    steps = PageOfSteps(tmp_path / "boat.yaml")
+    for name in ("doctor", "rudder"):
+        steps.mark(name, is_done=True)
+    silent = Watched(tmp_path)
+    with served(silent, steps=steps) as (address, _):
+        page = browser.new_context(viewport=dict(zip(("width", "height"), size, strict=True))).new_page()
+        page.goto(f"{address}/#token={TOKEN}")
+        page.evaluate("location.hash = 'begin'")
+        page.wait_for_selector("#step-rows > .next li")
+        assert page.is_hidden("#stale"), "a boat that is being set up has no pilot yet"
+        title, nav = (page.locator(at).first.bounding_box() for at in ("#step-rows > .next b", "nav.main-nav"))
+        assert title["y"] >= 0.0 and title["y"] + title["height"] <= nav["y"]
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        button = page.locator("#step-rows > .next button")
+        button.scroll_into_view_if_needed()
+        assert button.bounding_box()["y"] + button.bounding_box()["height"] <= nav["y"]
+        button.click()
+        page.wait_for_selector("#step-rows > .next b:has-text('your boat')")
+        page.context.close()
+    assert "zigzag" in (tmp_path / "boat.commissioning.json").read_text()

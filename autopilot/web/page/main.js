@@ -212,7 +212,7 @@ function setUp() {
   setTheme(document.documentElement.dataset.theme);
   boat.onState = draw;
   boat.onText = (text) => { if (text.severity > NOTICE) say(text.words, 7); }; // the bar shows what is more urgent
-  boat.onMay = () => { document.body.dataset.may = may() ? "yes" : "no"; if (page() === "more") showCodes(); };
+  boat.onMay = () => { document.body.dataset.may = may() ? "yes" : "no"; if (page() === "more") showCodes(); if (page() === "begin") showSteps(); };
   boat.onRow = (row) => plots.add(row);
   boat.onHistory = (history) => plots.fill(history);
   setInterval(draw, 500);
