@@ -94,14 +94,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
 from autopilot.angles import PI, wrap
-from autopilot.control.law import (
-    Law,
-    LawBoat,
-    LawDesign,
-    LawInput,
-    LoopGains,
-    in_units_of_file,
-)
+from autopilot.control.law import Law, LawBoat, LawDesign, LawInput, LoopGains, in_units_of_file
 from autopilot.control.wave_feedforward import ClosedLoop, wave_rudder
 from autopilot.estimation.path_delay import moved_on
 from autopilot.files.typed import NOW, Bounds, Positive

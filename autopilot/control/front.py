@@ -42,8 +42,9 @@ from autopilot.control.backstepping import BacksteppingGains, BoundedGains, lqr_
 from autopilot.control.design import LEAST_ERROR, MIDDLE_LEVEL, bandwidths_of
 from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.control.margins import RUDDER_IN_USE, linear_of, prediction
-from autopilot.estimation.disturbance import FilterNoise, in_balance, wave_step
+from autopilot.estimation.disturbance import FilterNoise, in_balance
 from autopilot.estimation.disturbance import Sea as Wavy
+from autopilot.estimation.heading_ekf import wave_step
 from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST, WAVE_FREQUENCY_MOST, WAVE_STIFFENING, WAVE_VARIANCE_LEAST
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear

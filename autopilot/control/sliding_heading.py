@@ -26,15 +26,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from autopilot.angles import wrap
 from autopilot.control.backstepping import BacksteppingGains, linear_gains_backstepping
-from autopilot.control.law import (
-    Law,
-    LawBoat,
-    LawDesign,
-    LawInput,
-    LoopGains,
-    NoMemory,
-    in_units_of_file,
-)
+from autopilot.control.law import Law, LawBoat, LawDesign, LawInput, LoopGains, NoMemory, in_units_of_file
 from autopilot.files.typed import NOW, Bounds, Positive
 from autopilot.models.norrbin import Norrbin, rudder_within
 from autopilot.models.steering_gear import clip

@@ -94,14 +94,11 @@ NO_SEA = Sea(0.0, 0.0)
 FIRST_SEA = Sea(WAVE_DEVIATION_FIRST**2, (WAVE_DEVIATION_FIRST * WAVE_FREQUENCY_FIRST) ** 2 * WAVE_STIFFENING)
 
 
-WaveStep = tuple[float, float, float, float, float, float, float, float, float]
-"""Exact transition of (h, s, e) over one step, a row after the other."""
 EXTREME_SQUARED, EXTREME_LEAST_SQUARED = WAVE_EXTREME * WAVE_EXTREME, WAVE_EXTREME_LEAST * WAVE_EXTREME_LEAST
 SLOWEST, FASTEST = WAVE_FREQUENCY_LEAST**2 * WAVE_STIFFENING, WAVE_FREQUENCY_MOST**2 * WAVE_STIFFENING
 """E[s^2] in units of E[h^2] of the slowest waves and of the fastest."""
-RINGING = math.sqrt(1.0 - WAVE_DAMPING * WAVE_DAMPING)
 LAG = WAVE_CORNER * (2.0 * WAVE_DAMPING + WAVE_CORNER)
-"""Frequency of the damped oscillator in units of w0, and E[e^2] in units of E[h^2]."""
+"""E[e^2] in units of E[h^2]."""
 
 
 def frequency(sea: Sea) -> float:
@@ -112,42 +109,6 @@ def frequency(sea: Sea) -> float:
 def in_balance(sea: Sea, w0: float) -> tuple[float, float, float, float]:
     """Return the stationary E[h^2], E[s^2], E[s e] and E[e^2]; E[h s] and E[h e] are 0. w0: the sea's `frequency`."""
     return sea.heading, sea.rate, -WAVE_CORNER * w0 * sea.heading, LAG * sea.heading
-
-
-def wave_step(w0: float, dt: float) -> WaveStep:
-    """Return the transition over `dt` [s] of waves of the `frequency` w0 [rad/s], which is positive."""
-    decay, corner = WAVE_DAMPING * w0, WAVE_CORNER * w0
-    ringing = w0 * RINGING
-    envelope = math.exp(-decay * dt)
-    cosine = envelope * math.cos(ringing * dt)
-    # the oscillator g = h + e by itself, g'' + 2 xi w0 g' + w0^2 g = noise
-    g2 = envelope * math.sin(ringing * dt) / ringing
-    g1, v1, v2 = cosine + decay * g2, -w0 * w0 * g2, cosine - decay * g2
-    # e' = c (g - e), with the row (c/D) ((c - 2 decay)(A - E) - ..) of c (M + c I)^-1 (exp(M dt) - E I)
-    left = math.exp(-corner * dt)
-    spread, share = corner - 2.0 * decay, corner / (corner * corner - 2.0 * decay * corner + w0 * w0)
-    e1, e2 = share * (spread * (g1 - left) - v1), share * (spread * g2 - v2 + left)
-    # back to h = g - e, s = g' - c h
-    a53, a54, a55 = e1 + corner * e2, e2, e1 + left
-    a33, a34, a35 = g1 + corner * g2 - a53, g2 - a54, g1 - a55
-    return (
-        a33,
-        a34,
-        a35,
-        v1 + corner * v2 - corner * a33,
-        v2 - corner * a34,
-        v1 - corner * a35,
-        a53,
-        a54,
-        a55,
-    )
-
-
-def known(sea: Sea) -> float:
-    """Return which share of the wave motion is to be believed: none until the sea has been watched for
-    WAVE_MEMORY_FIRST, all of it after twice as long. At first every motion of the boat is taken for a wave."""
-    share = sea.watched / WAVE_MEMORY_FIRST - 1.0
-    return 0.0 if share < 0.0 else 1.0 if share > 1.0 else share
 
 
 def is_extreme(sea: Sea, wave: float) -> bool:

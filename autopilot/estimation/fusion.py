@@ -30,7 +30,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
-from autopilot.estimation.disturbance import FilterNoise, Noises, frequency, known, raised_intensity, reset_density
+from autopilot.estimation.disturbance import FilterNoise, Noises, Sea, frequency, raised_intensity, reset_density
 from autopilot.estimation.heading_ekf import FilterState, fused, innovations, predict, predict_mean
 from autopilot.estimation.rudder_observer import RudderPast, angle_at, stretch
 from autopilot.estimation.tuning import (
@@ -56,6 +56,7 @@ from autopilot.estimation.tuning import (
     RATE_HELD,
     RATE_MEAN_TIME,
     UNLEARNT_TIME,
+    WAVE_MEMORY_FIRST,
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
@@ -333,3 +334,10 @@ def unlearnt_step(model: Norrbin, before: float, expected: FilterState, found: F
 
 SHORTEST = 1.0e-9
 """[s]: clocks count nanoseconds; what is closer is of one moment."""
+
+
+def known(sea: Sea) -> float:
+    """Return which share of the wave motion is to be believed: none until the sea has been watched for
+    WAVE_MEMORY_FIRST, all of it after twice as long. At first every motion of the boat is taken for a wave."""
+    share = sea.watched / WAVE_MEMORY_FIRST - 1.0
+    return 0.0 if share < 0.0 else 1.0 if share > 1.0 else share

@@ -33,9 +33,15 @@ from autopilot.estimation.disturbance import (
     in_balance,
     learn,
     reset_intensity,
-    wave_step,
 )
-from autopilot.estimation.tuning import BIAS_UNKNOWN, SLIDE_LASTS, STEEPEST_GROWTH, WAVE_CORNER, WAVE_STIFFENING
+from autopilot.estimation.tuning import (
+    BIAS_UNKNOWN,
+    SLIDE_LASTS,
+    STEEPEST_GROWTH,
+    WAVE_CORNER,
+    WAVE_DAMPING,
+    WAVE_STIFFENING,
+)
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 
 
@@ -157,6 +163,41 @@ def without_sea(state: FilterState) -> FilterState:
     return alone._replace(p33=p33, p34=0.0, p35=0.0, p44=p44, p45=p45, p55=p55)
 
 
+WaveStep = tuple[float, float, float, float, float, float, float, float, float]
+"""Exact transition of (h, s, e) over one step, a row after the other."""
+RINGING = math.sqrt(1.0 - WAVE_DAMPING * WAVE_DAMPING)
+"""Frequency of the damped oscillator in units of w0."""
+
+
+def wave_step(w0: float, dt: float) -> WaveStep:
+    """Return the transition over `dt` [s] of waves of the `frequency` w0 [rad/s], which is positive."""
+    decay, corner = WAVE_DAMPING * w0, WAVE_CORNER * w0
+    ringing = w0 * RINGING
+    envelope = math.exp(-decay * dt)
+    cosine = envelope * math.cos(ringing * dt)
+    # the oscillator g = h + e by itself, g'' + 2 xi w0 g' + w0^2 g = noise
+    g2 = envelope * math.sin(ringing * dt) / ringing
+    g1, v1, v2 = cosine + decay * g2, -w0 * w0 * g2, cosine - decay * g2
+    # e' = c (g - e), with the row (c/D) ((c - 2 decay)(A - E) - ..) of c (M + c I)^-1 (exp(M dt) - E I)
+    left = math.exp(-corner * dt)
+    spread, share = corner - 2.0 * decay, corner / (corner * corner - 2.0 * decay * corner + w0 * w0)
+    e1, e2 = share * (spread * (g1 - left) - v1), share * (spread * g2 - v2 + left)
+    # back to h = g - e, s = g' - c h
+    a53, a54, a55 = e1 + corner * e2, e2, e1 + left
+    a33, a34, a35 = g1 + corner * g2 - a53, g2 - a54, g1 - a55
+    return (
+        a33,
+        a34,
+        a35,
+        v1 + corner * v2 - corner * a33,
+        v2 - corner * a34,
+        v1 - corner * a35,
+        a53,
+        a54,
+        a55,
+    )
+
+
 def _transition(model: Norrbin, rate: float, dt: float) -> tuple[float, float, float]:
     """Return exp(-x), (1 - exp(-x))/x and (x - 1 + exp(-x))/x^2 with x = dt/T times the damping's slope at `rate`."""
     slope = model.n1 + (2.0 * model.n2 + 3.0 * model.n3 * rate) * rate
@@ -266,16 +307,7 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
     x54 = a53 * p34 + a54 * d44 + a55 * d45
     x55 = a53 * p35 + a54 * d45 + a55 * d55
     return FilterState(
-        time,
-        psi,
-        rate,
-        bias,
-        p00,
-        p01,
-        a02,
-        p11,
-        a12,
-        p22,
+        time, psi, rate, bias, p00, p01, a02, p11, a12, p22,
         a33 * h + a34 * s + a35 * e,
         a43 * h + a44 * s + a45 * e,
         a53 * h + a54 * s + a55 * e,
@@ -294,11 +326,8 @@ def predict(model: Norrbin, noise: FilterNoise, state: FilterState, rudder: floa
         x43 * a43 + x44 * a44 + x45 * a45 + rate_variance,
         x43 * a53 + x44 * a54 + x45 * a55 + v45,
         x53 * a53 + x54 * a54 + x55 * a55 + v55,
-        slide,
-        unknown,
-        sea,
-        intensity,
-    )
+        slide, unknown, sea, intensity,
+    )  # fmt: skip
 
 
 def innovations(
@@ -395,39 +424,10 @@ def fused(
             sea = learn(sea, h * h + p33, s * s + p44, dt)
         intensity = adapt_intensity(intensity, changes, bias - slide, p22 - unknown, rudder, dt)
     return FilterState(
-        time,
-        psi,
-        r,
-        bias,
-        p00,
-        p01,
-        p02,
-        p11,
-        p12,
-        p22,
-        h,
-        s,
-        e,
-        p03,
-        p04,
-        p05,
-        p13,
-        p14,
-        p15,
-        p23,
-        p24,
-        p25,
-        p33,
-        p34,
-        p35,
-        p44,
-        p45,
-        p55,
-        slide,
-        unknown,
-        sea,
-        intensity,
-    )
+        time, psi, r, bias, p00, p01, p02, p11, p12, p22,
+        h, s, e, p03, p04, p05, p13, p14, p15, p23, p24, p25, p33, p34, p35, p44, p45, p55,
+        slide, unknown, sea, intensity,
+    )  # fmt: skip
 
 
 def fuse_heading(state: FilterState, heading: float, variance: float) -> FilterState:

@@ -151,7 +151,7 @@ def turn_step(
 ) -> VirtualBoat:
     """Return the virtual boat `dt` [s] later on its way to the heading `target` [rad], the short way round. is_late: no
     ordered turn is under way any more."""
-    straight, left = rudder_for(model, 0.0, 0.0), target - boat.heading
+    straight, left = model.n0 / model.gain, target - boat.heading
     left = left if -PI < left <= PI else wrap(left)
     if abs(left) + abs(boat.rate) + abs(boat.rudder - straight) < ARRIVED:
         # no need to look ahead from where there is nowhere to go

@@ -153,7 +153,6 @@ def _px4(values: Mapping[str, float]) -> Servo | None:
 
 
 RudderChoice = Literal["auto", "measured", "servo", "commands"]
-CHOICES: tuple[RudderChoice, ...] = ("auto", "measured", "servo", "commands")
 
 GEAR_STEP_S = 0.02
 LONGEST_HOLD_S = 2.0
@@ -163,8 +162,8 @@ LONGEST_HOLD_S = 2.0
 class RudderSettings(NamedTuple):
     """Where the rudder comes from.
 
-    choice: see CHOICES. at_full [rad]: rudder at full share, negative where the servo turns the other way, None where
-    not known. gear: the steering gear behind servo or commands, None to take the rudder to stand where it is commanded.
+    at_full [rad]: rudder at full share, negative where the servo turns the other way, None where not known. gear: the
+    steering gear behind servo or commands, None to take the rudder to stand where it is commanded.
     """
 
     choice: RudderChoice = "auto"

@@ -26,14 +26,7 @@ import yaml
 from autopilot.control.registry import LAWS
 from autopilot.errors import InputError, SeveralInputError
 from autopilot.files import typed
-from autopilot.files.strict_yaml import (
-    Node,
-    check_version,
-    parse_document,
-    plain,
-    resolve_plain,
-    text_of,
-)
+from autopilot.files.strict_yaml import Node, check_version, parse_document, plain, resolve_plain, text_of
 from autopilot.files.typed import Bounds, Shipped, hints_of
 from autopilot.models.drives import DRIVES, Needs
 from autopilot.models.norrbin import Norrbin, folds

@@ -11,15 +11,9 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from autopilot.estimation import disturbance as waves
-from autopilot.estimation.disturbance import (
-    Sea,
-    frequency,
-    in_balance,
-    is_extreme,
-    known,
-    learn,
-    wave_step,
-)
+from autopilot.estimation.disturbance import Sea, frequency, in_balance, is_extreme, learn
+from autopilot.estimation.fusion import known
+from autopilot.estimation.heading_ekf import wave_step
 from autopilot.steering import filtered_share, plausible_share
 
 frequencies = st.floats(waves.WAVE_FREQUENCY_LEAST, waves.WAVE_FREQUENCY_MOST)

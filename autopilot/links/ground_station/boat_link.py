@@ -38,15 +38,7 @@ from autopilot.links.mavlink.requests import STATES
 from autopilot.links.mavlink.signing import UNSIGNED, WRONG_KEY, LinkSigning
 from autopilot.links.transports.medium import peer_of
 from autopilot.links.url import accept_signed
-from autopilot.signals import (
-    AlarmEvent,
-    AlarmState,
-    ConditionSample,
-    Mode,
-    OrderKind,
-    Sample,
-    Tick,
-)
+from autopilot.signals import AlarmEvent, AlarmState, ConditionSample, Mode, OrderKind, Sample, Tick
 from autopilot.supervision.panel import sentence_of
 
 COMPONENT = 1

@@ -426,9 +426,10 @@ class VehicleReader:
 
     def _is_overtaken(self, now: float, kind: int, boot: float, wrap_s: float) -> bool:
         """Return whether a report of `boot` [s], by a clock that begins again after `wrap_s`, is no news any more."""
-        newest, came = self._newest.get(kind, (boot, now))
-        if 0.0 < (newest - boot) % wrap_s < 0.5 * wrap_s and now - came <= OVERTAKEN_S:
-            return True
+        if kind in self._newest:
+            newest, came = self._newest[kind]
+            if 0.0 < (newest - boot) % wrap_s < 0.5 * wrap_s and now - came <= OVERTAKEN_S:
+                return True
         self._newest[kind] = boot, now
         return False
 

@@ -45,16 +45,7 @@ from autopilot.links.rudder_order import (
     RudderFollow,
     UnshownRelease,
 )
-from autopilot.signals import (
-    HeadingSample,
-    Mode,
-    OrderKind,
-    RollSample,
-    RudderCommand,
-    RudderSample,
-    Sample,
-    Tick,
-)
+from autopilot.signals import HeadingSample, Mode, OrderKind, RollSample, RudderCommand, RudderSample, Sample, Tick
 
 TALKER = "AG"
 """General autopilot; the reader drops it, so that our own words never come back as a compass."""
