@@ -280,7 +280,10 @@ STEPS = (
         "Open water again, on a course you can keep for a minute. A hand near the helm.",
         _hold,
         "its last lines say good or fair: the course is held within 6 deg for 95 % of the time",
-        'it swings, or wanders off: docs/faq.md, "It steers badly"; too much sea: wait for a calmer day',
+        "its model was not enough, or its gains doubtful: sail what step 4 asked for with autopilot trial, identify "
+        "all logs together into the file with autopilot identify, then --redo gains; it swings, or wanders off, "
+        "otherwise: "
+        'docs/faq.md, "It steers badly"; too much sea: wait for a calmer day',
         "Did it hold the course quietly?",
         _hold_log,
     ),

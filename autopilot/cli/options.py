@@ -386,7 +386,7 @@ def print_completion(parser: argparse.ArgumentParser, shell: str) -> int:
     try:
         import shtab
     except ImportError:
-        raise InputError("completion needs shtab; pip install 'norrbin[completion]'") from None
+        raise InputError("completion needs shtab: pip install '.[completion]'") from None
     for each in parsers_of(parser):
         for action in each._actions:
             if isinstance(action, argparse._SubParsersAction):

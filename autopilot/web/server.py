@@ -122,7 +122,7 @@ UNREACHABLE = (
     "You have opened this page on the boat's own computer, by an address that no other machine reaches. Start "
     "autopilot web with --listen and an interface, like wlan0:8080, and open the address that it prints."
 )
-NO_CODES = "Codes need the package segno: pip install 'norrbin[web]'."
+NO_CODES = "Codes need the package segno: pip install '.[web]'."
 ORDER_S = 5.0
 """Within this time an order has come whole."""
 BAD_ORDER, CANNOT_NOW = 400, 409
