@@ -108,6 +108,7 @@ def carried_on(
     (turn, step), (time, rate), (jump, quickest) = by_heading, at, most
     held, turns = before.held, before.turns
     stood = held.stood + step if turn == 0.0 else 0.0
+    shown = turn / (held.stood + step) if turn != 0.0 and step > 0.0 else held.rate
     if rate is not None and is_believed and jump < math.inf:
         held, turns = held_step(held, turns, (turn, rate * step, step), (time, rate), most)
     else:
@@ -118,7 +119,7 @@ def carried_on(
             held = alone_step(held, by_heading, time, jump, quickest)
             turn -= held.offset - before.held.offset
         turns = turns if rate is None else turns_step(turns, turn, rate * step, step)
-    return (held if held.stood == stood else held._replace(stood=stood)), turns
+    return held._replace(stood=stood, rate=shown), turns
 
 
 def concluded(before: Consistency) -> Consistency:

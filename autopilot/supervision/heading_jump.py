@@ -34,6 +34,7 @@ from autopilot.supervision.tuning import (
     SENSE_LEAST,
     SENSE_SHARE,
     SENSE_TIME,
+    TURN_GAINED,
 )
 
 SQRT_2 = math.sqrt(2.0)
@@ -93,7 +94,8 @@ class Held(NamedTuple):
     or, beside no rate that is believed, since; is_sudden: no boat turns so far at once. is_turn: the heading turns on
     and the rate does not, until they go together again. jumped [s]: when the heading was off last, and how often in a
     row; by [rad]: the first time; is_said: whether that is an alarm. stood [s]: for how long the headings have been the
-    very same: one that is repeated says nothing of what the boat does."""
+    very same: one that is repeated says nothing of what the boat does. rate [rad/s]: by how much they turned when they
+    showed anything new last."""
 
     offset: float = 0.0
     usual: float = 0.0
@@ -109,6 +111,7 @@ class Held(NamedTuple):
     is_said: bool = False
     is_sudden: bool = False
     stood: float = 0.0
+    rate: float = 0.0
 
 
 NOT_HELD = Held()
@@ -159,10 +162,20 @@ def sudden_most(quickest: float, step: float, usual: float) -> float:
     return quickest * step + (noise if noise > HELD_LEAST else HELD_LEAST)
 
 
+def rate_within(held: Held, quickest: float, step: float) -> float:
+    """Return the rate [rad/s] by which a boat that turns by `quickest` [rad/s] at most may turn in a `step` [s]: that
+    which its headings showed last, and what it can gain since, for no rudder and no push gives it its quickest turn
+    sooner than in TURN_GAINED."""
+    rate = abs(held.rate) + quickest * (held.stood + step) / TURN_GAINED
+    return rate if rate < quickest else quickest
+
+
 def has_rested(held: Held, time: float, step: float) -> bool:
     """Return whether a heading that jumped has shown since that it rests there, when it jumps again at `time` [s], a
-    `step` [s] after the one before: one that trembles, or is swung, goes on at once."""
-    return time - held.jumped > max(JUMP_SETTLED - CLOCK, JUMP_SAMPLES * step + CLOCK)
+    `step` [s] after the one before: one that trembles, or is swung, goes on at once. One that is repeated shows less.
+    """
+    new = JUMP_SAMPLES * (held.stood + step) + CLOCK
+    return time - held.jumped > min(new, max(JUMP_SETTLED - CLOCK, JUMP_SAMPLES * step + CLOCK))
 
 
 def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float, quickest: float) -> Held:
@@ -175,6 +188,7 @@ def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float
     heading showed anything new it jumps again. jump: see `held_step`.
     """
     (by_heading, step), usual = turned, math.sqrt(held.at_once)
+    quickest = rate_within(held, quickest, step)
     least, turns = sudden_most(quickest, step, usual), abs(by_heading)
     if math.isnan(held.onset):
         if not least < turns < jump + HELD_LEAST or held.is_turn or held.known < HELD_LAG:
@@ -237,7 +251,7 @@ def held_step(
         by_heading - by_rate,
         unturned_most(turns, rate, lasted, usual, HELD_LAG),
         unturned_most(turns, rate, lasted, change, lasted),
-        sudden_most(quickest, lasted, change),
+        sudden_most(rate_within(held, quickest, step), lasted, change),
         jump + HELD_LEAST,
     )
     if is_looked_at(held):

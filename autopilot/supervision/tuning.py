@@ -264,6 +264,9 @@ HELD_LAG = 1.0  # 30 %: of jumps of 8 deg 5 % less are found at 1 Hz, with more
 """A compass lags by so long, or is read so much later than the gyro [s]: a damped fluxgate's time."""
 HELD_SETTLES = 1.5  # 30 %: nothing
 """A jump is over in this time [s], a damped compass's too; what moves on is a turn."""
+TURN_GAINED = 0.5
+"""A boat gains the quickest turn that it is thought capable of, twice its model's, in this time [s] at least, as the
+quickest boat known does where its rudder is hard over at once: Lanxin, T = 0.33 s, 33 deg/s at 63 deg/s^2."""
 HELD_RESTS = 2.0 / 3.0  # 30 %: nothing
 """It has come to rest where it moves by no more than this share of what it must jump by."""
 HELD_STAYS = 0.5  # 30 %: of jumps of 20 deg 24 % less are found behind noise of 2 deg, with less

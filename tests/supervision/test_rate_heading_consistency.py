@@ -256,6 +256,7 @@ def heard(
     dt: float = DT,
     noise_deg: float = 0.2,
     seed: int = 3,
+    most_deg_s: float = 57.3,
 ) -> tuple[float, list[str]]:
     """How far headings `shown` [deg] beside rates [deg/s] are held to be off in the end, and what is said by then."""
     random = np.random.default_rng(seed)
@@ -265,7 +266,7 @@ def heard(
         turning = math.radians(rate(now)) + 0.5 * float(noise[1])
         return HeadingSample(now, (heading + float(noise[0]) + math.pi) % (2.0 * math.pi) - math.pi, turning, "c")
 
-    *_, (watch, said) = after_each((sample(k * dt) for k in range(round(seconds / dt))), 1.0)
+    *_, (watch, said) = after_each((sample(k * dt) for k in range(round(seconds / dt))), math.radians(most_deg_s))
     return math.degrees(watch.held.offset), said
 
 
@@ -395,8 +396,9 @@ def beside_no_rate(
     dt: float = 0.1,
     noise_deg: float = 0.2,
     seed: int = 3,
+    most_deg_s: float = 30.0,
 ) -> tuple[float, list[str]]:
-    """As `heard`, the boat turning by 30 deg/s at most, without a rate or beside one that was found to be wrong."""
+    """As `heard`, the boat turning by `most_deg_s` at most, without a rate or beside one that was found to be wrong."""
     random = np.random.default_rng(seed)
 
     def sample(now: float) -> HeadingSample:
@@ -404,7 +406,7 @@ def beside_no_rate(
         heading = math.radians(shown(now) + noise_deg * float(random.standard_normal()))
         return HeadingSample(now, wrap(heading), rate, "c")
 
-    *_, (watch, said) = after_each((sample(k * dt) for k in range(round(seconds / dt))), math.radians(30.0))
+    *_, (watch, said) = after_each((sample(k * dt) for k in range(round(seconds / dt))), math.radians(most_deg_s))
     assert bool(watch.found) is refused
     return math.degrees(watch.held.offset), said
 
@@ -437,6 +439,29 @@ def test_without_a_rate_too_a_compass_that_jumps_on_and_on_turns_no_boat(
     offset, said = beside_no_rate(lambda now: step * max((now - 20.0) // each_s + 1.0, 0.0), refused=refused)
     turned = step * (20.0 // each_s + 1.0)
     assert math.degrees(abs(wrap(math.radians(offset - turned)))) < abs(step) + 1.5
+    assert said
+
+
+def five_jumps(step: float, each_s: float) -> Callable[[float], float]:
+    """Headings [deg] that jump five times by a `step`, from 20 s on."""
+    return lambda now: step * min(max((now - 20.0) // each_s + 1.0, 0.0), 5.0)
+
+
+@pytest.mark.parametrize("refused", [False, True])
+@pytest.mark.parametrize("most", [5.4, 30.0, 144.0])
+@pytest.mark.parametrize(("step", "each_s"), [(12.0, 0.4), (-12.0, 0.4), (12.0, 1.7)])
+def test_without_a_rate_no_boat_gains_a_turn_at_once(step: float, each_s: float, most: float, refused: bool) -> None:
+    """A lively boat's 12 deg between two headings, and jumps soon after one another, were taken for a turn."""
+    offset, said = beside_no_rate(five_jumps(step, each_s), refused=refused, most_deg_s=most)
+    assert offset == pytest.approx(5.0 * step, abs=2.5)
+    assert said
+
+
+@pytest.mark.parametrize("most", [20.0, 144.0])
+@pytest.mark.parametrize("each_s", [0.4, 1.0])
+def test_beside_a_gyro_no_jump_is_a_lively_boats_turn(each_s: float, most: float) -> None:
+    offset, said = heard(five_jumps(12.0, each_s), seconds=40.0, dt=0.05, most_deg_s=most)
+    assert offset == pytest.approx(60.0, abs=2.5)
     assert said
 
 
