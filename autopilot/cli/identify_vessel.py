@@ -123,6 +123,7 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
         *remarks,
         *play_remarks,
         *path_remarks,
+        *([] if fresh else _compass_remarks(runs, vessel)),
         *([] if fresh else [*_train_remarks(path, result, vessel), *_rudder_remarks(path, runs, vessel, rate)]),
     ]
 
@@ -140,8 +141,14 @@ def measured_sensors(runs: Sequence[Run]) -> Sensors:
     if not found:
         return usual
     gyro = any(math.isfinite(rate) for segment in segments for rate in segment.rate)
+    found["heading_latency_s"] = compass_late_s(runs)
     source = "noise measured, second differences of the recordings"
     return dataclasses.replace(usual, **found, gyro=gyro, source=source, date=datetime.date.today().isoformat())  # type: ignore[arg-type]
+
+
+def compass_late_s(runs: Sequence[Run]) -> float:
+    """Return by how much [s] the compass of the runs was later than the gyro, on average; 0 where the gyro was."""
+    return round(max(sum(run.compass_late for run in runs) / len(runs), 0.0), 3)
 
 
 def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
@@ -180,6 +187,17 @@ def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
             f"{path} is not written, for no gains serve such a boat: {error}; sail a 20/20 zigzag of six reversals or "
             "more, and check the rudder's rate."
         ) from None
+
+
+def _compass_remarks(runs: Sequence[Run], vessel: Vessel) -> list[str]:
+    late, filed = compass_late_s(runs), vessel.sensors.heading_latency_s
+    if late < LATE_S:
+        return []
+    return [
+        f"The compass of these runs is {late:.2g} s later than the gyro, and sensors.heading_latency_s stays "
+        f"{filed:g}: a pilot that records its own headings has taken that off already; add the rest if it steers by "
+        "this compass."
+    ]
 
 
 def _play(path: str, runs: Sequence[Run], filed_deg: float, fitted_deg: float) -> tuple[float, list[str]]:

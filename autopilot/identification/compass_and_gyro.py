@@ -8,6 +8,11 @@ them. Over stretches of some seconds
 
 with c the gyro's bias, s its scale, the rest the slope of the deviation (its semicircular and quadrantal parts). What
 is usual of each is known before, so that a zigzag on one course, in which they cannot be parted, tells their sum.
+
+And by how much one of them is late: a compass that shows what the boat headed L ago stands by L r beside the turned
+angle of the gyro. No boat is needed to tell that. What else parts them walks (the gyro's noise, summed up) and is white
+(the compass's): innovations of a local level (Muth 1960), whose gain the likelihood tells, are white, and by them the
+terms above and L are found by least squares.
 """
 
 from __future__ import annotations
@@ -17,8 +22,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from autopilot.identification.interval import SURE_OF_IT
+from autopilot.identification.likelihood_record import without_noise
 from autopilot.identification.marginal_likelihood import Rates
 from autopilot.identification.runs import FloatArray, Run, Segment
 
@@ -83,6 +90,134 @@ def turned_apart(runs: Sequence[Run]) -> TurnedApart | None:
 
 
 ROUNDS = 4
+
+
+class Late(NamedTuple):
+    """By how much later [s] than the gyro a compass shows the boat, below 0 where the gyro is later; its standard
+    error [s]."""
+
+    by: float
+    error: float
+
+
+def compass_late(segments: Sequence[Segment]) -> Late | None:
+    """Return by how much the compass is later than the gyro; None where that is not surely anything, or not known."""
+    by, gains, pieces = 0.0, list(GAINS), _liveliest(segments)
+    for _ in range(ROUNDS):
+        parts = [part for segment in pieces if (part := _apart(segment, by)) is not None]
+        if not parts:
+            return None
+        (_, more, error), gain = min((_behind(parts, gain), gain) for gain in gains)
+        by, gains = min(max(by + more, -MOST_LATE_S), MOST_LATE_S), [gain]
+        if abs(more) < 0.1 * error:
+            break
+    is_sure = abs(by) > max(SURELY * error, LEAST_LATE_S) and abs(by) < MOST_LATE_S
+    return Late(by, error) if is_sure else None
+
+
+def in_time(run: Run) -> Run:
+    """Return the run with its headings as late as its gyro, where the one is surely later than the other: to each
+    heading is added what the gyro turned since. What both are late by shows in how late the boat follows its rudder."""
+    late = compass_late(run.segments)
+    if late is None:
+        return run
+    segments = []
+    for segment in run.segments:
+        known = np.isfinite(segment.rate)
+        if np.count_nonzero(known) > 1:
+            turned = _turned(segment.time[known], segment.rate[known], segment.time)
+            before = _turned(segment.time[known], segment.rate[known], segment.time - late.by)
+            segment = segment._replace(heading=segment.heading + turned - before)
+        segments.append(segment)
+    which, other = ("compass", "gyro") if late.by > 0.0 else ("gyro", "compass")
+    note = (
+        f"{run.source}: the {which} shows the boat {abs(late.by):.2g} +- {SURE_OF_IT * late.error:.1g} s later than "
+        f"the {other}; the headings are taken at the gyro's time."
+    )
+    return run._replace(segments=tuple(segments), notes=(*run.notes, note), compass_late=late.by)
+
+
+MOST_LATE_S, LEAST_LATE_S = 3.0, 0.02
+"""No compass is later [s], and less is no matter."""
+GAINS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6, 1.0)
+"""Of the local level, that are tried: 0 of a compass with noise and a gyro without, 1 the other way round."""
+BLOCK_S, FEWEST_ROWS = 5.0, 50
+"""Errors go together over so long [s], and of fewer rows nothing is found."""
+
+
+PIECE, PIECES = 2000, 5
+"""A recording is looked at in pieces of so many rows, in so many at most: a minute of zigzag tells enough."""
+
+
+def _liveliest(segments: Sequence[Segment]) -> list[Segment]:
+    """Return the pieces of the segments in which the boat's rate changes most, in order."""
+    pieces = []
+    for segment in segments:
+        for first in range(0, segment.time.size, PIECE):
+            rows = slice(first, first + PIECE)
+            pieces.append(Segment(*(values[rows] if values.size else values for values in segment)))
+    if len(pieces) <= PIECES:
+        return pieces
+    known = [piece.rate[np.isfinite(piece.rate)] for piece in pieces]
+    turning = [float(np.std(rate)) if rate.size else 0.0 for rate in known]
+    return [pieces[k] for k in sorted(np.argsort(turning)[-PIECES:].tolist())]
+
+
+def _apart(segment: Segment, late: float) -> FloatArray | None:
+    """Return of each heading: its time, what goes with the terms of `USUAL` and with the lateness, and by how much the
+    heading is off the gyro's turned angle so `late` [s], shape (9, N); None of a segment with too few."""
+    rated, headed = np.isfinite(segment.rate), np.isfinite(segment.heading)
+    if min(np.count_nonzero(rated), np.count_nonzero(headed)) < FEWEST_ROWS:
+        return None
+    time, rate = segment.time[rated], segment.rate[rated]
+    at, heading = segment.time[headed], segment.heading[headed]
+    then, course = at - late, np.interp(time, at, heading)
+    # noise in what L goes with would draw it towards 0, and goes with that of the turned angle
+    turning = np.interp(then, time, without_noise(rate))
+    waves = [rate * wave(k * course) for k in (1, 2) for wave in (np.cos, np.sin)]
+    turned = [_turned(time, values, then) for values in (rate, *waves)]
+    return np.stack([at, at - at[0], *turned, -turning, heading - turned[0]])
+
+
+def _turned(time: FloatArray, rate: FloatArray, moments: FloatArray) -> FloatArray:
+    """Return the integral of a `rate` from its first `time` on to other moments, straight lines between, level
+    beyond."""
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+    left = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, time.size - 2)
+    since, there = moments - time[left], np.interp(moments, time, rate)
+    begun = np.where(since < 0.0, there, rate[left])
+    ended = np.maximum(moments - time[-1], 0.0)
+    return np.asarray(whole[left] + 0.5 * (begun + there) * (since - ended) + ended * there)
+
+
+def _behind(parts: Sequence[FloatArray], gain: float) -> tuple[float, float, float]:
+    """Return the variance [rad^2] of the innovations with such a gain, what the lateness is more than supposed, and its
+    standard error [s]: by how the scores of blocks scatter (White 1980), or by the residuals, whichever is larger."""
+    rows = np.concatenate([_innovations(part[1:], gain) for part in parts], axis=1)
+    blocks = np.concatenate([k * 1.0e6 + part[0, 1:] // BLOCK_S for k, part in enumerate(parts)])
+    terms, off = rows[:-1].T, rows[-1]
+    usual = np.diag(np.array([*USUAL, MOST_LATE_S]) ** -2.0)
+    variance, best = float(np.mean(off**2)), np.zeros(terms.shape[1])
+    for _ in range(2):
+        known = terms.T @ terms + max(variance, LEAST_NOISE**2) * usual
+        best = np.linalg.solve(known, terms.T @ off)
+        variance = float(np.mean((off - terms @ best) ** 2))
+    spread = np.linalg.inv(known)
+    ends = np.flatnonzero(np.diff(blocks)) + 1
+    scores = np.add.reduceat(terms * (off - terms @ best)[:, None], np.concatenate([[0], ends]), axis=0)
+    by_blocks = spread @ (scores.T @ scores) @ spread
+    error = math.sqrt(max(float(by_blocks[-1, -1]), max(variance, LEAST_NOISE**2) * float(spread[-1, -1])))
+    return variance, float(best[-1]), error
+
+
+def _innovations(values: FloatArray, gain: float) -> FloatArray:
+    """Return what is new in each of the rows of `values` but their first, beside a level that follows them."""
+    bands = np.ones((2, values.shape[1]))
+    bands[1] = gain - 1.0
+    driven = gain * values.T
+    driven[0] = values[:, 0]
+    level = solve_banded((1, 0), bands, driven, check_finite=False).T
+    return np.asarray(values[:, 1:] - level[:, :-1])
 
 
 def on_one_course(runs: Sequence[Run]) -> str:

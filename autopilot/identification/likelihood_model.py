@@ -333,23 +333,28 @@ def likeliest_fit(
             found = found if stays else direct
     if found is None or not set(train) <= set(ORDERED):
         return found, reasons
-    kept = tuple(found.train_errors)
-    if found.unseen.stops:
-        return found, reasons
-    for part in _worth_a_try(found.unseen):
-        behind = likelihood_fit(segments, speed, found.rates, (*kept, part), steps.next)
-        if behind is None:
+    kept, unseen, shown = tuple(found.train_errors), found.unseen, dict[str, LikelihoodFit]()
+    for part in _worth_a_try(unseen):
+        if unseen.stops and part == "dead_band":
             continue
-        if part == "dead_band":
-            sure = SURELY_TURNS * behind.train_errors["dead_band"]
-            shown = behind.train.dead_band > max(sure, least_play(segments))
-            if shown and small_swings(segments) > MOST_SMALL:
-                return _between(found, behind), reasons
-        else:
-            shown = _is_late(behind) and behind.train.delay > 0.5 * spacing_of(segments)
-        if shown:
-            return behind, reasons
-    return found, reasons
+        behind = likelihood_fit(segments, speed, found.rates, (*kept, part), steps.next)
+        if behind is not None and _is_shown(part, behind, segments):
+            shown[part] = behind
+    # a quick boat that answers late looks as if its rudder had play, or stopped short: what was fitted decides
+    part = min(shown, key=lambda name: shown[name].loss, default="")
+    if not part or (unseen.stops and found.loss - shown[part].loss < unseen.stop_worth):
+        return found, reasons
+    if part == "dead_band" and small_swings(segments) > MOST_SMALL:
+        return _between(found, shown[part]), reasons
+    return shown[part], reasons
+
+
+def _is_shown(part: str, behind: LikelihoodFit, segments: Sequence[Segment]) -> bool:
+    """Return whether the fit `behind` a play or a delay shows it surely."""
+    if part == "dead_band":
+        sure = SURELY_TURNS * behind.train_errors["dead_band"]
+        return behind.train.dead_band > max(sure, least_play(segments))
+    return _is_late(behind) and behind.train.delay > 0.5 * spacing_of(segments)
 
 
 def _between(found: LikelihoodFit, behind: LikelihoodFit) -> LikelihoodFit:

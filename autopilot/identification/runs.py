@@ -324,6 +324,7 @@ class Run(NamedTuple):
     that was left out; what its rudder is, and the text of the vessel file of the pilot that recorded it, if one did.
     late: how long after a heading that pilot's order came to the rudder [s], nan where none shows or nobody asked.
     throttle: its mean, share of full, where that was recorded. orders: beside a sensor on the rudder, where both were.
+    compass_late [s]: by how much the compass was later than the gyro; the headings are at the gyro's time.
     """
 
     source: str
@@ -334,6 +335,7 @@ class Run(NamedTuple):
     late: float = math.nan
     throttle: float = math.nan
     orders: Orders | None = None
+    compass_late: float = 0.0
 
 
 def has_propeller(runs: Sequence[Run]) -> bool:

@@ -347,18 +347,20 @@ def load_run(
     reverse_rudder: bool = False,
     options: LogOptions = LogOptions(),  # noqa: B008 - immutable
 ) -> Run:
-    """Return the run in the log `text`, or in several logs of it: FILE+FILE@SECONDS.
+    """Return the run in the log `text`, or in several logs of it: FILE+FILE@SECONDS; its headings at its gyro's time.
 
     column_map: what CSV tables call their columns. reverse_rudder: the recorded rudder is positive to port. Raises
     InputError where a file cannot be used.
     """
+    from autopilot.identification.compass_and_gyro import in_time  # slow to load, and most commands read no run
+
     reading = options.reading._replace(columns=column_map or options.reading.columns)
     sources = sources_of(text)
     as_it_is = format_of(text, head_of(text)).run if len(sources) == 1 else None
     if as_it_is is not None:
         columns, notes = as_it_is(text, reading)
         run = run_from_columns(text, _turned(columns, reverse_rudder))
-        return run._replace(notes=(*notes, *run.notes))
+        return in_time(run._replace(notes=(*notes, *run.notes)))
     recording = load_recording(text, reading)
     table = _table(text, recording, options.rudder)
     notes = recording.notes
@@ -370,7 +372,7 @@ def load_run(
     mean = float(np.nanmean(throttle)) if throttle is not None and known else math.nan
     orders = None if reverse_rudder else orders_of(recording)
     run = run._replace(notes=(*notes, *run.notes), rudder=table.rudder, orders=orders)
-    return run._replace(vessel=recording.vessel, late=recording.late, throttle=mean)
+    return in_time(run._replace(vessel=recording.vessel, late=recording.late, throttle=mean))
 
 
 def _turned(columns: Mapping[str, FloatArray], reverse_rudder: bool) -> Mapping[str, FloatArray]:

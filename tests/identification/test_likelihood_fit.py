@@ -19,6 +19,7 @@ from autopilot.cli.identify_vessel import Given, write_vessel
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification import likelihood_record
+from autopilot.identification.compass_and_gyro import in_time
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import at_least_as_doubtful, identify
 from autopilot.identification.interval import interval_of
@@ -239,6 +240,52 @@ def test_a_boat_that_follows_the_recorded_rudder_late_is_found_with_its_delay(
     assert found.model.time_constant == pytest.approx(3.5, rel=0.03)
     # a servo is late by nature; of a measured rudder it is said
     assert any("late" in note for note in found.notes) == (origin == "measured")
+
+
+@pytest.mark.parametrize("late", [2, 4])
+@pytest.mark.parametrize("sea", ["calm", "gusts, noise, gyro"])
+def test_late_compass_and_gyro_are_no_play_and_no_stop(sea: str, late: int) -> None:
+    runs = []
+    for side in (1, -1):
+        table = zigzags(PLANT["Lanxin"], SEA[sea]._replace(gyro_deg_s=0.1), [2026112970], side)[0]
+        for name in ("heading_rad", "yaw_rate_rad_s"):
+            table[name] = np.concatenate([np.full(late, table[name][0]), table[name][:-late]])
+        runs.append(run_from_columns(f"{side:+d}.csv", table))
+    found = identify(runs, QUESTION)
+    assert found.train.delay == pytest.approx(0.1 * late, abs=0.03)
+    # taken for play or a stop, T was 0.46 to 1.9 s
+    assert found.model.time_constant == pytest.approx(0.332, rel=0.15)
+    assert found.likely is not None and found.train.dead_band == 0.0 and not found.likely.unseen.stops
+
+
+@pytest.mark.parametrize(("which", "late"), [("heading_rad", 3), ("yaw_rate_rad_s", 2), ("heading_rad", 0)])
+def test_a_compass_and_a_gyro_of_other_times_are_brought_together(which: str, late: int) -> None:
+    sea = SEA["gusts, noise, gyro"]
+    tables = [zigzags(PLANT["K 0.43, T 3.5"], sea, [2026112971], side)[0] for side in (1, -1)]
+    prompt = identify([run_from_columns("prompt.csv", table) for table in tables], QUESTION)
+    for table in tables:
+        table[which] = np.concatenate([np.full(late, table[which][0]), table[which][: table[which].size - late]])
+    runs = [in_time(run_from_columns("late.csv", table)) for table in tables]
+    by = 0.1 * late if which == "heading_rad" else -0.1 * late
+    for run in runs:
+        assert run.compass_late == pytest.approx(by, abs=0.02)
+        assert len(run.notes) == (late > 0)
+    found = identify(runs, QUESTION)
+    # untouched, K was 0.51 to 0.56 with a standard error of 0.017
+    for name in ("gain", "time_constant"):
+        off = getattr(found.model, name) - getattr(prompt.model, name)
+        assert abs(off) < (prompt.standard_errors[name] or 0.0)
+    assert found.train.delay == pytest.approx(max(-by, 0.0), abs=0.05)
+
+
+def test_a_late_compass_of_a_log_is_in_the_new_vessel_file(tmp_path: Path) -> None:
+    table = zigzags(PLANT["K 0.43, T 3.5"], SEA["calm"]._replace(gyro_deg_s=0.1), [2026112972], 1)[0]
+    table["heading_rad"] = np.concatenate([np.full(3, table["heading_rad"][0]), table["heading_rad"][:-3]])
+    log, boat = tmp_path / "late.csv", tmp_path / "boat.yaml"
+    rows = "\n".join(",".join(f"{value:.9g}" for value in row) for row in zip(*table.values(), strict=True))
+    log.write_text(f"{','.join(table)}\n{rows}\n")
+    assert main(["identify", str(log), "--out", str(boat), "--rudder-max-deg", "35"]) == 0
+    assert load_vessel(boat).sensors.heading_latency_s == pytest.approx(0.3, abs=0.02)
 
 
 def test_a_delay_shorter_than_half_a_sample_is_not_taken_for_a_part_of_the_time_constant() -> None:
