@@ -449,7 +449,7 @@ def view_of(
     is_engaged, on_heading = state.supervisor.state in ENGAGED, order.kind is OrderKind.HEADING
     gyro, known = estimate.fusion.gyro, estimate.fusion.state
     ours, speeds, ahead = is_engaged and boat.rudder_is_ours, estimate.speeds, estimate.ahead
-    both = speeds.water.value + speeds.ground.value
+    both, is_known = speeds.water.value + speeds.ground.value, gyro.p11 < RATE_OFF_KNOWN
     return MonitorInput(
         now,
         estimate.model,
@@ -472,10 +472,11 @@ def view_of(
         is_measured,
         damps_roll,
         state.rudder.rate.is_sure,
-        gyro.bias if gyro.p11 < RATE_OFF_KNOWN else 0.0,
+        gyro.bias if is_known else 0.0,
         ahead if boat.law.is_rudder and 0.0 < ahead < 1.0 else 1.0,
         known.sea.watched,
         known.p00 + 2.0 * known.p03 + known.p33,
+        gyro.p11 if is_known else math.inf,
     )
 
 

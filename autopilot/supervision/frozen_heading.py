@@ -30,6 +30,7 @@ from autopilot.supervision.tuning import (
     SEA_PROVEN,
     SEA_STOOD,
     TREMBLES_DIGITS,
+    TREMBLES_KNOWN,
     TREMBLES_LEAST,
     TREMBLES_SAME,
     TREMBLES_SIGMAS,
@@ -43,7 +44,9 @@ FLOAT_DIGIT = 2.0**-22
 
 class Standing(NamedTuple):
     """A heading that is the same to the last digit: the `samples` that say so, the first of them [s] and the last; the
-    turn that the rate beside it adds up to [rad], nan where none came, and its span; last_rate: that rate the time
+    turn that the rate beside it, less rate_bias [rad/s], what is known of its error, adds up to [rad], nan where none
+    came, and its span; rate_unknown [(rad/s)^2]: the variance of that bias, inf: it is not known; walk [rad^2]: that of
+    the rate's noise, added up; last_rate: that rate the time
     before, nan where none was, and whether it has moved since the model's turn was reckoned; that turn, which the model
     makes of the rudder while the rate stands: when it was reckoned last [s], the bias [rad], the rate [rad/s], and how
     far it has turned [rad]; is_frozen: until it moves again; source: whose heading it is; off [rad]: how far it was
@@ -72,6 +75,9 @@ class Standing(NamedTuple):
     steered: tuple[float, float] = (0.0, 0.0)
     quickest: tuple[float, float] = (0.0, 0.0)
     beyond: tuple[float, float] = (math.nan, math.nan)
+    rate_bias: float = 0.0
+    rate_unknown: float = math.inf
+    walk: float = 0.0
 
 
 class Sea(NamedTuple):
@@ -79,7 +85,7 @@ class Sea(NamedTuple):
     since flat water [s]; digit [rad]: the least step of the compass. watched [s]: for how long it had been learnt.
     kept [rad]: the deviation that was known when it was forgotten, until it is known anew. change [rad]: the newest
     step; noise [rad^2]: the variance of the compass's own noise, see `trembling`; same: the share of headings that are
-    the same as the one before."""
+    the same as the one before, of those that `known`, the share of TREMBLES_TIME's memory that is filled, has seen."""
 
     digit: float = math.inf
     deviation: float = math.nan
@@ -89,6 +95,7 @@ class Sea(NamedTuple):
     change: float = 0.0
     noise: float = 0.0
     same: float = 1.0
+    known: float = 0.0
 
 
 def trembling(sea: Sea, change: float, step: float, stood: float) -> Sea:
@@ -104,8 +111,9 @@ def trembling(sea: Sea, change: float, step: float, stood: float) -> Sea:
         return sea._replace(digit=digit, change=0.0)
     fades = math.exp(-step / TREMBLES_TIME)
     noise = fades * sea.noise - (1.0 - fades) * change * (sea.change if stood == 0.0 else 0.0)
-    same = fades * (1.0 - (1.0 - sea.same) * math.exp(-stood / TREMBLES_TIME))
-    return sea._replace(digit=digit, change=change, noise=noise, same=same)
+    stays = math.exp(-stood / TREMBLES_TIME)
+    same, known = fades * (1.0 - (1.0 - sea.same) * stays), 1.0 - fades * stays * (1.0 - sea.known)
+    return sea._replace(digit=digit, change=change, noise=noise, same=same, known=known)
 
 
 def felt(sea: Sea, seen: MonitorInput) -> Sea:
@@ -119,7 +127,9 @@ def felt(sea: Sea, seen: MonitorInput) -> Sea:
     kept = kept if seen.holds_course and watched < WAVE_MEMORY else 0.0
     deviation = deviation if deviation > kept else kept
     is_flat = deviation < SEA_FELT or math.isnan(sea.flat) or not seen.holds_course
-    return Sea(sea.digit, deviation, now if is_flat else sea.flat, watched, kept, sea.change, sea.noise, sea.same)
+    return Sea(
+        sea.digit, deviation, now if is_flat else sea.flat, watched, kept, sea.change, sea.noise, sea.same, sea.known
+    )
 
 
 def never_stands(standing: Standing, sea: Sea, seen: MonitorInput) -> bool:
@@ -128,15 +138,22 @@ def never_stands(standing: Standing, sea: Sea, seen: MonitorInput) -> bool:
     it moved by many.
 
     Noise ends with an engine, and a boat may lie within a digit: then the compass shows the heading that it had, as far
-    as that is known, and the rudder has not turned it since.
+    as that is known, and neither the rudder nor the rate of turn beside it says that the boat has turned since: by more
+    than a digit, what the rate's bias may add up to while it is remembered, and its noise, at either end of its span.
     """
     digit = sea.digit if sea.digit > FLOAT_DIGIT else FLOAT_DIGIT
-    if not seen.has_way or sea.same > TREMBLES_SAME:
+    # the memory began with headings that are all the same, and no noise
+    same = 1.0 - (1.0 - sea.same) / sea.known if sea.known >= TREMBLES_KNOWN else 1.0
+    if not seen.has_way or same > TREMBLES_SAME:
         return False
-    if digit <= FINE_DIGIT and sea.same <= FINE_SAME and abs(sea.change) >= FINE_DIGITS * digit:
+    if digit <= FINE_DIGIT and same <= FINE_SAME and abs(sea.change) >= FINE_DIGITS * digit:
         return True
-    is_off = abs(standing.off - standing.steered[1]) > digit + TREMBLES_SIGMAS * math.sqrt(max(standing.unknown, 0.0))
-    return is_off and sea.noise >= TREMBLES_DIGITS * TREMBLES_DIGITS * digit * digit
+    lasts = min(standing.time - standing.since, RATE_FORGOTTEN)
+    doubt = standing.rate_unknown * lasts * lasts + standing.walk
+    is_turned = standing.high - standing.low > digit + 2.0 * TREMBLES_SIGMAS * math.sqrt(doubt)
+    off, unknown = abs(standing.off - standing.steered[1]), max(standing.unknown, 0.0)
+    is_off = is_turned or off > digit + TREMBLES_SIGMAS * math.sqrt(unknown)
+    return is_off and sea.noise >= sea.known * TREMBLES_DIGITS * TREMBLES_DIGITS * digit * digit
 
 
 def was_moved(standing: Standing, sea: Sea) -> bool:
@@ -146,15 +163,18 @@ def was_moved(standing: Standing, sea: Sea) -> bool:
 
 
 def stood_by(before: Standing, sample: HeadingSample, bias: float) -> Standing:
-    """Take a heading that is the same as the one before it; bias [rad/s]: what the rate is off by, as far as known."""
+    """Take a heading that is the same as the one before it; bias [rad/s]: what is known of the rate's error now. What
+    was known when the heading began to stand goes before it: a compass that is frozen teaches a wrong one."""
     time, turn_rate = before.time, sample.rate
     if turn_rate is None or not math.isfinite(time):
         return before._replace(samples=before.samples + 1, time=sample.time)
     step = clip(sample.time - time, 0.0, LONGEST_STEP_S)
     moves = before.rate_moves or not (math.isnan(before.last_rate) or turn_rate == before.last_rate)
     # what is long past may be what is not known of the bias, added up
-    kept = (0.0 if math.isnan(before.turn) else before.turn) * math.exp(-step / RATE_FORGOTTEN)
-    turn = kept + (turn_rate - bias) * step
+    kept, bias = math.exp(-step / RATE_FORGOTTEN), before.rate_bias if before.rate_unknown < math.inf else bias
+    turn = kept * (0.0 if math.isnan(before.turn) else before.turn) + (turn_rate - bias) * step
+    # what lies between two rates is noise, or turns that make this too large
+    differs = 0.0 if math.isnan(before.last_rate) else (turn_rate - before.last_rate) * step
     return before._replace(
         samples=before.samples + 1,
         time=sample.time,
@@ -164,6 +184,7 @@ def stood_by(before: Standing, sample: HeadingSample, bias: float) -> Standing:
         quickest=(quicker(before.quickest[0], turn_rate, step), before.quickest[1]),
         last_rate=turn_rate,
         rate_moves=moves,
+        walk=kept * kept * before.walk + 0.5 * differs * differs,
     )
 
 
@@ -209,8 +230,9 @@ def frozen_step(
             change = change if -PI < change <= PI else wrap(change)
             sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
         since = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
-        off = heading - state.heading + state.rate * (now - time)
-        standing = since._replace(source=sample.source, off=wrap(off), unknown=seen.unknown)
+        off = wrap(heading - state.heading + state.rate * (now - time))
+        standing = since._replace(source=sample.source, off=off, unknown=seen.unknown, rate_bias=seen.rate_bias)
+        standing = standing._replace(rate_unknown=seen.rate_unknown)
     if standing.is_frozen:
         return standing, sea
     if standing.samples < 2:

@@ -46,7 +46,8 @@ class MonitorInput(NamedTuple):
     apart without a stream that explains it. trial_speed [m/s]: of the vessel file's trial, 0 where the model is the
     trial's. rudder_is_measured: there is a sensor of its angle. damps_roll: the rudder works against roll too.
     rudder_is_slow: it has turned out to be slower than filed, and turns are planned with that. rate_bias [rad/s]: the
-    standing error of the rate sensor, 0 where it is not known. weaker: the share of the model's answer that
+    standing error of the rate sensor, 0 where it is not known; rate_unknown [(rad/s)^2]: its variance, inf: it is not.
+    weaker: the share of the model's answer that
     drift leaves, where only the ground tells the speed. sea_watched [s]: for how long the sea has been learnt, since it
     was forgotten last. unknown [rad^2]: the variance of the heading as it is estimated.
     """
@@ -75,6 +76,7 @@ class MonitorInput(NamedTuple):
     weaker: float = 1.0
     sea_watched: float = math.inf
     unknown: float = 0.0
+    rate_unknown: float = math.inf
 
 
 class Measured(NamedTuple):

@@ -244,9 +244,11 @@ SEA_PROVEN = 20.0
 """A sea is one that has been felt for so long [s] on a course that is held: a turn in flat water looks like a wave."""
 TREMBLES_DIGITS, TREMBLES_SAME = 1.5, 0.2
 TREMBLES_LEAST, TREMBLES_TIME = 0.25, 20.0
+TREMBLES_KNOWN = -math.expm1(-0.5)
 """A compass whose own noise is a deviation of so many of its digits says the same twice with a probability of 0.19, and
 for SEA_STOOD, in headings no further apart than the third [s], with 0.19^12 at most, whatever the water is: where no
-more than the second of them are the same as the one before, means over the fourth [s]."""
+more than the second of them are the same as the one before, means over the fourth [s], of which the fifth, ten seconds'
+share, has been seen: 40 headings or more, of which a share is known to 0.06."""
 TREMBLES_SIGMAS = 2.0  # 30 %: frozen within 5 s 26 or 21 of 30 in place of 23
 """Noise may end with an engine: such a compass then shows the boat's heading, to a digit and so many standard
 deviations of what is known of that."""

@@ -169,9 +169,34 @@ def test_a_turn_by_a_compass_that_is_repeated_does_not_end_as_frozen(seconds: fl
     assert tick is None or not words_of(tick)[0].startswith("heading frozen")
 
 
+@pytest.mark.parametrize("rate", [True, False])
+def test_a_compass_that_freezes_soon_after_its_first_heading_is_noticed(rate: bool) -> None:
+    """Tenths of a degree and noise of 0.3 deg, waves of half a degree of rudder, engaged by the first heading."""
+    digit, freezes = math.radians(0.1), 15.0
+    for seed in range(20261130, 20261134):
+        pilot, frozen = build_pilot(VESSEL), math.nan
+        plant = Plant(
+            model_of(VESSEL), gear_of(VESSEL), disturbance=lambda now: math.radians(0.7 * math.sin(now) - 1.0),
+            heading_noise=math.radians(0.3), rate_noise=math.radians(0.1), seed=seed,
+        )  # fmt: skip
+        ended = math.inf
+        while plant.time < freezes + 12.0 and ended == math.inf:
+            (sample,) = plant.sense()
+            assert isinstance(sample, HeadingSample)
+            shown = wrap(round(sample.heading / digit) * digit)
+            frozen = shown if plant.time >= freezes and math.isnan(frozen) else frozen
+            shown = shown if math.isnan(frozen) else frozen
+            heading = sample._replace(heading=shown, rate=sample.rate if rate else None)
+            tick = pilot.step(plant.time, (heading,), Order(OrderKind.HEADING, 0.0, serial=1))
+            ended = ended if tick.mode is Mode.ENGAGED else plant.time
+            plant.step(tick.command.angle, DT)
+        assert words_of(tick)[0].startswith("heading frozen"), seed
+        assert ended - freezes < (5.0 if rate else 10.0), seed
+
+
 def test_noise_that_ends_with_an_engine_does_not_end_steering_in_a_calm() -> None:
     """0.3 deg that fall to 0.02 deg, tenths of a degree, no rate: two of these six runs ended with 'frozen' in 5.3 s
-    by the noise alone. It is known after some of its 20 s: how often headings are the same counts from 1 down."""
+    by the noise alone."""
     digit, quiet = math.radians(0.1), SETTLED + 30.0
     for seed in range(20261129, 20261135):
         pilot = build_pilot(VESSEL)
