@@ -47,14 +47,15 @@ class Steered:
     Attributes:
         seconds: engaged.  on_course: of these, on a course and out of a turn.  turns: those measured.  lost: how often
         steering ended by a fail-safe or fault.  executes: how often a trial's rudder went to another angle.
-        swing: the least and the largest change of heading [rad] in trials.
+        swing: the least and the largest change of heading [rad] in trials.  out: engaged in a turn, in how many
+        seconds it was back at most, inf where it was not, and how far past [rad].
     """
 
     def __init__(self) -> None:
         self.seconds = self.on_course = self.trial_seconds = 0.0
         self.turns: list[Turn] = []
         self.lost = self.executes = 0
-        self.swing = (0.0, 0.0)
+        self.swing = self.out = (0.0, 0.0)
         self.what = ""
         self._had_course = False
         self._squares = self._travel = self._held_travel = self._way = 0.0
@@ -147,7 +148,7 @@ class Steered:
             held = f"{self.on_course:.0f} s on a course" if self.on_course else "the turn to the course was not over"
             return Verdict("too short", f"too short to judge: {held}")
         past, off = self.past_deg, self.off_deg
-        unsettled = any(math.isinf(turn.settled) for turn in self.turns)
+        unsettled = any(math.isinf(took) for took in (self.out[0], *(turn.settled for turn in self.turns)))
         if unsettled or past > FAIR_PAST_DEG or off > FAIR_OFF_DEG:
             advice = "look at the speed log, the rudder and the vessel file, then at autopilot gains"
             return Verdict("poor", f"poor: {said}; {advice}")
@@ -157,6 +158,10 @@ class Steered:
 
     def _said(self) -> str:
         said = []
+        seconds, past = self.out
+        if seconds:
+            back = f"was back in {seconds:.0f} s" if math.isfinite(seconds) else f"was not back in {TURN_MOST_S:.0f} s"
+            said.append(f"engaged in a turn, it went {math.degrees(past):.0f} deg past and {back}")
         if self.turns:
             largest = max(self.turns, key=lambda turn: abs(turn.angle))
             degrees = f"{abs(math.degrees(largest.angle)):.0f} deg"
@@ -178,7 +183,7 @@ class Steered:
         if not order.is_led and abs(change) >= TURN_LEAST:
             self._end_turn(tick.now)
             self._turn = (change, tick.now, tick.now, 0.0)
-        elif self._course is None and abs(tick.state.rate) * STAYS_S > SETTLED:
+        elif self._course is None and abs(change) < TURN_LEAST and abs(tick.state.rate) * STAYS_S > SETTLED:
             self._swings_out = (math.copysign(1.0, tick.state.rate), tick.now, 0.0)
         if self._course is None or abs(change) >= TURN_LEAST or self._turn is None:
             self._course = course
@@ -195,13 +200,21 @@ class Steered:
         self._bins[min(int(abs(off) / BIN_DEG), BINS)] += step
 
     def _is_out(self, tick: Tick, error: float) -> bool:
-        if self._swings_out is not None:
-            side, began, most = self._swings_out
-            past = side * error
-            is_back = past <= SETTLED and (most > SETTLED or side * tick.state.rate <= 0.0)
-            is_over = is_back or tick.now - began >= TURN_MOST_S
-            self._swings_out = None if is_over else (side, began, max(most, past))
-        return self._swings_out is not None
+        if self._swings_out is None:
+            return False
+        side, began, most = self._swings_out
+        past, took = side * error, tick.now - began
+        most = max(most, past)
+        # one that does not go out has stopped turning, goes the other way, or its rate sensor shows too much
+        stays = most <= SETTLED and (side * tick.state.rate <= 0.0 or past < -SETTLED or took >= STAYS_S)
+        is_back = past <= SETTLED and (most > SETTLED or stays)
+        if is_back or took >= TURN_MOST_S:
+            self._swings_out = None
+            if most > SETTLED:
+                self.out = max(self.out, (took if is_back else math.inf, most))
+            return False
+        self._swings_out = side, began, most
+        return True
 
     def _go_on(self, tick: Tick, error: float) -> None:
         assert self._turn is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,61 @@ def test_a_boat_that_never_comes_out_of_its_turn_is_not_judged_good() -> None:
     ]
     verdict = run_of("a", away).steered.verdict
     assert verdict is not None and verdict.sentence == "too short to judge: the turn to the course was not over"
+
+
+def engaged_while_it_turns(
+    seconds: float, error_deg: Callable[[float], float], rate_deg_s: Callable[[float], float], *, is_led: bool = False
+) -> Steered:
+    """Return what is measured of a boat so far off its course, and turning so fast, at each second since engaged."""
+    held, steered = sailed(1.0)[-1], Steered()
+    for now in (0.1 * step for step in range(round(10.0 * seconds))):
+        heading = held.order.heading + math.radians(error_deg(now))
+        state = held.state._replace(heading=heading, rate=math.radians(rate_deg_s(now)))
+        order = held.order._replace(is_led=is_led)
+        reference = held.reference._replace(heading=held.order.heading)
+        steered(held._replace(now=now, state=state, order=order, reference=reference))
+    return steered
+
+
+def test_how_far_it_went_before_it_came_back_is_said() -> None:
+    steered = engaged_while_it_turns(
+        300.0, lambda now: max(0.0, 80.0 - abs(now - 80.0)), lambda now: (now < 80.0) - (now < 160.0) * (now > 80.0)
+    )
+    assert steered.verdict is not None and steered.verdict.grade == "good"
+    assert "engaged in a turn, it went 80 deg past and was back in 157 s" in steered.verdict.sentence
+
+
+def test_a_boat_not_back_in_three_minutes_is_poor() -> None:
+    steered = engaged_while_it_turns(
+        1200.0, lambda now: min(now, max(200.0 - now, 0.0)), lambda now: 1.0 if now < 100.0 else -1.0
+    )
+    assert steered.off_deg < 2.0, "the rest of it was held"
+    assert steered.verdict is not None and steered.verdict.grade == "poor"
+    assert "it went 100 deg past and was not back in 180 s" in steered.verdict.sentence
+
+
+def test_off_to_the_side_it_did_not_turn_to_is_badly_held() -> None:
+    steered = engaged_while_it_turns(60.0, lambda now: -20.0 if now > 1.0 else 0.0, lambda now: 0.5)
+    assert steered.verdict is not None and steered.verdict.grade == "poor"
+
+
+def test_a_hold_is_judged_though_its_rate_sensor_shows_too_much() -> None:
+    steered = engaged_while_it_turns(60.0, lambda now: 0.0, lambda now: 0.5)
+    assert steered.verdict is not None and steered.verdict.grade == "good"
+
+
+def test_led_from_far_off_its_course_it_is_judged_by_the_plan() -> None:
+    steered = engaged_while_it_turns(
+        60.0, lambda now: min(4.0 * now - 90.0, max(60.0 - now, 0.0)), lambda now: 4.0, is_led=True
+    )
+    assert steered.verdict is not None and steered.verdict.grade == "poor"
+
+
+def test_a_fail_safe_on_the_way_back_is_lost_steering() -> None:
+    held = engaged_in_a_turn()
+    lost = [tick._replace(mode=Mode.FAILSAFE) if 2.0 < tick.now - held[0].now < 4.0 else tick for tick in held]
+    steered = run_of("a", lost).steered
+    assert steered.verdict is not None and steered.verdict.sentence.startswith("poor: steering was lost once")
 
 
 def test_a_run_that_ends_in_its_first_turn_has_a_verdict_too() -> None:
