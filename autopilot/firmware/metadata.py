@@ -1,6 +1,6 @@
 """What a vehicle's parameters are: which of them are settings, and what it says of them itself over MAVLink FTP. Pure.
 
-What a vehicle itself says of its parameters: component metadata, fetched over MAVLink FTP and read strictly. Pure.
+What it says itself is component metadata, read strictly.
 
 Sources: https://mavlink.io/en/services/component_metadata.html; general.schema.json and parameter.schema.json of the
 folder component_metadata of mavlink/mavlink; PX4's component_information (the files), mavlink_ftp.cpp and jsonout.py;

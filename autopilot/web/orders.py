@@ -16,8 +16,8 @@ from typing import NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.firmware.protocol import Target
-from autopilot.links.ground_station.commands import HOLD_APPARENT, HOLD_TRUE, MANUAL, WINDWARD
-from autopilot.links.ground_station.orders import HEADING, TRACK, TRIAL, WIND
+from autopilot.links.ground_station.commands import HOLD_APPARENT, HOLD_TRUE, WINDWARD
+from autopilot.links.ground_station.orders import HEADING, MANUAL, TRACK, TRIAL, WIND
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.frames import CommandCancel
 from autopilot.web.view import BoatView, TextPieces

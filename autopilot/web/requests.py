@@ -13,12 +13,10 @@ from autopilot.files.outside import SHOWN, number_from
 from autopilot.files.printable import printable
 from autopilot.links.base import UNSEEN
 from autopilot.links.ground_station.commands import (
-    ACKNOWLEDGE,
     COMPASS,
     CONFIRM,
     DECLINE,
     GYBE,
-    MANUAL,
     OVERBOARD,
     PATTERN,
     TACK,
@@ -26,7 +24,7 @@ from autopilot.links.ground_station.commands import (
     WINDWARD,
     ZIGZAG,
 )
-from autopilot.links.ground_station.orders import ADOPT, LEARNING, LEVEL, REVERT, TRACK
+from autopilot.links.ground_station.orders import ACKNOWLEDGE, ADOPT, LEARNING, LEVEL, MANUAL, REVERT, TRACK
 from autopilot.supervision.alarms import CATALOGUE, OTHER
 from autopilot.web import orders
 from autopilot.web.orders import ARM, Asked, Command

@@ -14,8 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.firmware.session import NORRBIN, Vehicle, vehicle_of
 from autopilot.links.alarm_outputs import PIECE
-from autopilot.links.ground_station.commands import MANUAL
-from autopilot.links.ground_station.orders import HEADING, TRACK, TRIAL, WIND
+from autopilot.links.ground_station.orders import HEADING, MANUAL, TRACK, TRIAL, WIND
 from autopilot.links.ground_station.telemetry import SHOWN_MOST
 from autopilot.links.mavlink.codec import Message
 

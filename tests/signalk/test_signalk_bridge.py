@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.base import UNSEEN
-from autopilot.links.ground_station.commands import MANUAL
-from autopilot.links.ground_station.orders import HEADING
+from autopilot.links.ground_station.orders import HEADING, MANUAL
 from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.links.transports import LoopbackTransport, loopback_pair
 from autopilot.signalk.bridge import BEHIND_MOST, CLIENTS_MOST, Bridge, LineClients

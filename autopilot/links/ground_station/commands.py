@@ -16,11 +16,12 @@ from autopilot.guidance.track import Waypoint
 from autopilot.guidance.wind_vane import Manoeuvre, WindGuide
 from autopilot.links.base import LastStop
 from autopilot.links.ground_station.mission import NO_POSITION, Mission
-from autopilot.links.ground_station.orders import ACKNOWLEDGE as ACKNOWLEDGE
 from autopilot.links.ground_station.orders import (
+    ACKNOWLEDGE,
     HEADING,
     LEARNING,
     LEVEL,
+    MANUAL,
     MISSION,
     TRACK,
     TRIAL,
@@ -30,7 +31,6 @@ from autopilot.links.ground_station.orders import (
     Tuner,
     TuningCommands,
 )
-from autopilot.links.ground_station.orders import MANUAL as MANUAL
 from autopilot.links.north import MAGNETIC_LEADS, Variation
 from autopilot.signals import Mode, OrderKind, Tick
 from autopilot.supervision.alarms import BY_NUMBER

@@ -1,7 +1,7 @@
 """What is asked of the flight controller, and what a companion says beside steering. Pure.
 
 The few parameters that steering needs, asked for by name until they have come; the messages it shall send, asked for
-with SET_MESSAGE_INTERVAL until they come at their rate; the mode it shall go into when the pilot gives up.
+with SET_MESSAGE_INTERVAL until they come at their rate.
 """
 
 from __future__ import annotations

@@ -11,15 +11,15 @@ as long for their answers, so that it wants no address that is taken.
 
 Group function: what one node asks of another, and how it is acknowledged.
 
+    0 request: send a group, at an interval     1 command: set fields of a group    2 acknowledge
+    3 read fields    4 its reply    5 write fields    6 its reply
+
 The pilot's alarms stand on the displays of the network: alert, its text, and a display's acknowledgement.
 
     126983 alert: kind, priority, state, who has it        126985 its text        126984 the answer of a display
 
 The kinds are those of IEC 62923: emergency alarm, alarm, warning, caution. An alarm has a number by its name, always
 the same; every time that it comes anew counts as one more occurrence.
-
-    0 request: send a group, at an interval     1 command: set fields of a group    2 acknowledge
-    3 read fields    4 its reply    5 write fields    6 its reply
 """
 
 from __future__ import annotations
