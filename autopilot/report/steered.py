@@ -48,7 +48,8 @@ class Steered:
         seconds: engaged.  on_course: of these, on a course and out of a turn.  turns: those measured.  lost: how often
         steering ended by a fail-safe or fault.  executes: how often a trial's rudder went to another angle.
         swing: the least and the largest change of heading [rad] in trials.  out: engaged in a turn, in how many
-        seconds it was back at most, inf where it was not, and how far past [rad].
+        seconds it was back at most, inf where it was not, and how far past [rad].  across: how far to the other side
+        its way back led [rad].
     """
 
     def __init__(self) -> None:
@@ -56,6 +57,7 @@ class Steered:
         self.turns: list[Turn] = []
         self.lost = self.executes = 0
         self.swing = self.out = (0.0, 0.0)
+        self.across = 0.0
         self.what = ""
         self._had_course = False
         self._squares = self._travel = self._held_travel = self._way = 0.0
@@ -66,6 +68,8 @@ class Steered:
         self._swings_out: tuple[float, float, float] | None = None
         """Engaged on its heading in a turn, it goes past and comes back: which way it turned (+1, -1), when, and how
         far past it was at most [rad]."""
+        self._crosses = 0.0
+        """Then, which way it had turned, +1 or -1, until it turns round on the other side; else 0."""
         self._turn: tuple[float, float, float, float] | None = None
         """The turn under way: its angle [rad], when it began, when it was last outside [s], how far past [rad]."""
         self._trial: tuple[float, float] | None = None
@@ -147,7 +151,7 @@ class Steered:
         if self.on_course < SHORTEST_S and not self.turns:
             held = f"{self.on_course:.0f} s on a course" if self.on_course else "the turn to the course was not over"
             return Verdict("too short", f"too short to judge: {held}")
-        past, off = self.past_deg, self.off_deg
+        past, off = math.degrees(max(self.across, *(turn.past for turn in self.turns), 0.0)), self.off_deg
         unsettled = any(math.isinf(took) for took in (self.out[0], *(turn.settled for turn in self.turns)))
         if unsettled or past > FAIR_PAST_DEG or off > FAIR_OFF_DEG:
             advice = "look at the speed log, the rudder and the vessel file, then at autopilot gains"
@@ -161,7 +165,9 @@ class Steered:
         seconds, past = self.out
         if seconds:
             back = f"was back in {seconds:.0f} s" if math.isfinite(seconds) else f"was not back in {TURN_MOST_S:.0f} s"
-            said.append(f"engaged in a turn, it went {math.degrees(past):.0f} deg past and {back}")
+            across = math.degrees(self.across)
+            across_too = f", then {across:.1f} deg to the other side" if across > GOOD_PAST_DEG else ""
+            said.append(f"engaged in a turn, it went {math.degrees(past):.0f} deg past and {back}{across_too}")
         if self.turns:
             largest = max(self.turns, key=lambda turn: abs(turn.angle))
             degrees = f"{abs(math.degrees(largest.angle)):.0f} deg"
@@ -188,11 +194,14 @@ class Steered:
         if self._course is None or abs(change) >= TURN_LEAST or self._turn is None:
             self._course = course
         if self._turn is not None:
-            self._swings_out = None
+            self._swings_out, self._crosses = None, 0.0
             self._go_on(tick, wrap(tick.state.heading - course))
             return
         if self._is_out(tick, wrap(tick.state.heading - course)):
             return
+        if self._crosses:
+            self.across = max(self.across, -self._crosses * wrap(tick.state.heading - course))
+            self._crosses *= self._crosses * tick.state.rate < 0.0
         off = math.degrees(wrap(tick.state.heading - (tick.reference.heading if order.is_led else course)))
         self.on_course += step
         self._held_travel += self._moved
@@ -212,6 +221,7 @@ class Steered:
             self._swings_out = None
             if most > SETTLED:
                 self.out = max(self.out, (took if is_back else math.inf, most))
+                self._crosses = side
             return False
         self._swings_out = side, began, most
         return True
@@ -252,6 +262,7 @@ class Steered:
     def _leave(self, now: float) -> None:
         self._end_turn(now)
         self._course = self._trial = self._swings_out = None
+        self._crosses = 0.0
 
 
 EXECUTES_ENOUGH = 4

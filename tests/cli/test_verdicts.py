@@ -137,6 +137,20 @@ def test_a_boat_not_back_in_three_minutes_is_poor() -> None:
     assert "it went 100 deg past and was not back in 180 s" in steered.verdict.sentence
 
 
+@pytest.mark.parametrize(("across_deg", "grade"), [(1.0, "good"), (4.0, "fair"), (15.0, "poor")])
+def test_one_that_crosses_its_course_on_the_way_back_is_past_it(across_deg: float, grade: str) -> None:
+    def error_deg(now: float) -> float:
+        back = 20.0 - 10.0 * (now - 2.0)
+        return min(10.0 * now, max(back, min(-2.0 * across_deg - back, 0.0)))
+
+    def rate_deg_s(now: float) -> float:
+        return 10.0 * (error_deg(now + 0.1) - error_deg(now))
+
+    steered = engaged_while_it_turns(300.0, error_deg, rate_deg_s)
+    assert steered.off_deg < 1.0 and steered.verdict is not None and steered.verdict.grade == grade
+    assert ("to the other side" in steered.verdict.sentence) is (grade != "good")
+
+
 def test_off_to_the_side_it_did_not_turn_to_is_badly_held() -> None:
     steered = engaged_while_it_turns(60.0, lambda now: -20.0 if now > 1.0 else 0.0, lambda now: 0.5)
     assert steered.verdict is not None and steered.verdict.grade == "poor"
