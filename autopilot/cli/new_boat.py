@@ -252,9 +252,10 @@ STEPS = (
         "lookout; a mode change, or Ctrl-C, ends it. A boat that steers by thrust needs it at two or three throttles.",
         _zigzag,
         "it was sailed to its end, and its last lines say good, or good for a start",
-        "it ended early: more room, or less sea, or, where the boat turned against its rudder, see to its side with "
-        f"--redo rudder; {TOO_FAST}; no way was made: get under way first; the heading hardly swung: look whether the "
-        "rudder moves, with --redo rudder",
+        "it ended early: do what its last lines say; too little room, or too much sea: sail elsewhere, or on a calmer "
+        "day; the boat turned against its rudder: see to its side with --redo rudder; "
+        f"{TOO_FAST}; no way was made: get under way first; the heading hardly swung: look whether the rudder moves, "
+        "with --redo rudder",
         again="Sail another at another throttle (a quarter, a half, three quarters)?",
     ),
     Step(
@@ -281,9 +282,8 @@ STEPS = (
         _hold,
         "its last lines say good or fair: the course is held within 6 deg for 95 % of the time",
         "its model was not enough, or its gains doubtful: sail what step 4 asked for with autopilot trial, identify "
-        "all logs together into the file with autopilot identify, then --redo gains; it swings, or wanders off, "
-        "otherwise: "
-        'docs/faq.md, "It steers badly"; too much sea: wait for a calmer day',
+        "all logs together into the file with autopilot identify, then --redo gains; its model is good, and it swings "
+        'or wanders off: docs/faq.md, "It steers badly"; too much sea: wait for a calmer day',
         "Did it hold the course quietly?",
         _hold_log,
     ),

@@ -376,7 +376,8 @@ def test_a_hold_that_swings_is_not_ticked_off(
     monkeypatch.setattr(new_boat, "run_child", holding(off_deg, mode, beside_deg))
     assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"]) == 4
     out, error = capsys.readouterr()
-    assert said in error and "Good enough is: its last lines say good or fair" in out and "  - it swings" in out
+    assert said in error and "Good enough is: its last lines say good or fair" in out
+    assert "  - its model is good, and it swings" in out
     assert "hold" not in Checklist(file).done
 
 
