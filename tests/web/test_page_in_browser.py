@@ -593,5 +593,8 @@ def test_the_next_step_of_a_new_boat_is_in_view(size: tuple[int, int], browser: 
         assert button.bounding_box()["y"] + button.bounding_box()["height"] <= nav["y"]
         button.click()
         page.wait_for_selector("#step-rows > .next b:has-text('your boat')")
+        until(page, "document.activeElement.matches('#step-rows > .next')")
+        page.keyboard.press("Enter")
         page.context.close()
+    assert "identify" not in (tmp_path / "boat.commissioning.json").read_text(), "a second press marks no other step"
     assert "zigzag" in (tmp_path / "boat.commissioning.json").read_text()

@@ -13,7 +13,11 @@ export function setUpSteps(say) {
 async function mark(name, done) {
   const { steps, words } = await get("/api/steps", { method: "POST", body: JSON.stringify({ name, done }) });
   if (words) tell(words);
-  else draw(steps);
+  else {
+    draw(steps);
+    // the button that was pressed is gone; the next one's would take a second press for its own
+    (document.querySelector("#step-rows > .next") ?? byId("begin")).focus({ preventScroll: true });
+  }
 }
 
 function draw(steps) {
@@ -27,6 +31,7 @@ function draw(steps) {
     if (step.when) head.append(make("small", `done ${step.when.slice(0, 16)}`));
     row.append(head);
     if (step.state === "next") {
+      row.tabIndex = -1;
       const otherwise = make("ul");
       otherwise.append(...step.otherwise.split("; ").map((words) => make("li", words)));
       row.append(make("p", step.before), make("p", "In a terminal of the boat's computer:"), make("code", step.command), make("p", `Good enough: ${step.good}.`), make("p", "If not:"), otherwise);
