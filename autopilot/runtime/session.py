@@ -207,8 +207,7 @@ class Session:
             packets = self._packets()
             if self._recorder is not None:
                 self._recorder.record(tick, packets)
-        if self._pilot.learner is not None:
-            self._pilot.learn(tick)
+        self._pilot.learn(tick)
 
     def _packets(self) -> list[tuple[float, bytes]]:
         packets: list[tuple[float, bytes]] = []
