@@ -22,12 +22,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from autopilot.identification.interval import SURE_OF_IT
-from autopilot.identification.likelihood_record import without_noise
+from autopilot.identification.likelihood_record import level_of, without_noise
 from autopilot.identification.marginal_likelihood import Rates
-from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.runs import FloatArray, Run, Segment, running
 
 STRETCH_S, FEWEST = 5.0, 12
 """Turns are compared over so long a time [s], or over less where that would be fewer stretches than this."""
@@ -182,7 +181,7 @@ def _apart(segment: Segment, late: float) -> FloatArray | None:
 def _turned(time: FloatArray, rate: FloatArray, moments: FloatArray) -> FloatArray:
     """Return the integral of a `rate` from its first `time` on to other moments, straight lines between, level
     beyond."""
-    whole = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+    whole = running(time, rate)
     left = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, time.size - 2)
     since, there = moments - time[left], np.interp(moments, time, rate)
     begun = np.where(since < 0.0, there, rate[left])
@@ -212,12 +211,7 @@ def _behind(parts: Sequence[FloatArray], gain: float) -> tuple[float, float, flo
 
 def _innovations(values: FloatArray, gain: float) -> FloatArray:
     """Return what is new in each of the rows of `values` but their first, beside a level that follows them."""
-    bands = np.ones((2, values.shape[1]))
-    bands[1] = gain - 1.0
-    driven = gain * values.T
-    driven[0] = values[:, 0]
-    level = solve_banded((1, 0), bands, driven, check_finite=False).T
-    return np.asarray(values[:, 1:] - level[:, :-1])
+    return np.asarray(values[:, 1:] - level_of(values.T, gain).T[:, :-1])
 
 
 def on_one_course(runs: Sequence[Run]) -> str:

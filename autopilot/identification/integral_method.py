@@ -38,7 +38,7 @@ from autopilot.identification.identify import sources_of
 from autopilot.identification.live_filter import moved_on
 from autopilot.identification.methods import Method, begin, identified_as
 from autopilot.identification.residuals import initial_state, instrument_noise
-from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.runs import FloatArray, Run, Segment, running
 from autopilot.models.norrbin import Norrbin
 
 NAMES = ("gain", "time_constant", "n3", "n0")
@@ -132,9 +132,9 @@ def _stretch(
     rate = np.interp(time, time[rated], motion.rate[rated]) if rated.any() else None
     if psi is None:
         assert rate is not None
-        psi = _running(time, rate)
+        psi = running(time, rate)
     square = ratio * ratio
-    pushed, elapsed = _running(time, square * rudder), _running(time, square)
+    pushed, elapsed = running(time, square * rudder), running(time, square)
     turned = np.concatenate(([0.0], np.cumsum(ratio[1:] * np.diff(psi))))
     means = np.diff(_integrals(time, psi, edges)[0]) / step
     if rate is None or (step > QUIETER_S and headed.any()):
@@ -143,10 +143,10 @@ def _stretch(
         change = _tents(time, rate, edges)
     if rate is None:
         cubes = _cubes_of_headings(time, psi, motion.noise, step)
-        cubed = _running(cubes[0], cubes[1] / np.interp(cubes[0], time, ratio))
+        cubed = running(cubes[0], cubes[1] / np.interp(cubes[0], time, ratio))
         c = _tents(cubes[0], cubed, edges)
     else:
-        c = _tents(time, _running(time, rate**3 / ratio), edges)
+        c = _tents(time, running(time, rate**3 / ratio), edges)
     tents = [_tents(time, each, edges) for each in (turned, pushed, elapsed)]
     pushes = np.diff(np.interp(edges, time, pushed)) / np.diff(np.interp(edges, time, elapsed))
     return edges[1:-1], np.stack([tents[0], c, tents[1], tents[2], change, pushes[1:]], axis=1)
@@ -168,16 +168,11 @@ def _windows(edges: FloatArray, tents: FloatArray, n1: float, offset: float) -> 
     )
 
 
-def _running(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the integral since the beginning of what moves in straight lines."""
-    return np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))))
-
-
 def _integrals(time: FloatArray, values: FloatArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return at the edges the integral, and the integral of the integral, of what moves in straight lines."""
     grid = np.union1d(time, edges)
     f, dt = np.interp(grid, time, values), np.diff(grid)
-    once = np.concatenate(([0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * dt)))
+    once = running(grid, f)
     twice = np.concatenate(([0.0], np.cumsum(once[:-1] * dt + dt * dt * (2.0 * f[:-1] + f[1:]) / 6.0)))
     at = np.searchsorted(grid, edges)
     return once[at], twice[at]

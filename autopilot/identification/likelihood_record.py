@@ -19,10 +19,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct, idct
+from scipy.linalg import solve_banded
 
 from autopilot.identification.residuals import instrument_noise
-from autopilot.identification.rudder_path import DIRECT, RudderTrain, means_behind, with_corners
-from autopilot.identification.runs import FloatArray, Segment
+from autopilot.identification.rudder_path import DIRECT, RudderTrain, means_behind, noise_over, with_corners
+from autopilot.identification.runs import FloatArray, Segment, running
 from autopilot.models.drives import BEYOND, RUDDER_LAW, DriveLaw
 from autopilot.models.norrbin import SPEED_FLOOR_RATIO
 from autopilot.models.weather import RaceAndWind, inflow_ratio, wind_acceleration
@@ -205,7 +206,17 @@ def white_noise(values: FloatArray) -> float:
     gear that moves at its rate, or stands, has none; 0 of too few to tell."""
     if values.size < SHORTEST_CLEANED:
         return 0.0
-    return float(np.median(np.abs(np.diff(values, 2)))) / (MEDIAN_DEVIATION * math.sqrt(6.0))
+    return noise_over(values, 1)
+
+
+def level_of(values: FloatArray, share: float) -> FloatArray:
+    """Return a level that begins with the first of `values`, of shape (N) or (N, M), and goes a `share` of the way to
+    each later one."""
+    bands = np.ones((2, len(values)))
+    bands[1] = share - 1.0
+    driven = share * values
+    driven[0] = values[0]
+    return np.asarray(solve_banded((1, 0), bands, driven, check_finite=False))
 
 
 def without_noise(values: FloatArray) -> FloatArray:
@@ -316,7 +327,7 @@ LARGEST_RUDDER_NOISE = np.radians(0.5)
 """No rudder sensor that works is noisier [rad]."""
 SMOOTH_WITHIN_S = 0.2
 """A steering gear's motion is smooth over two samples of this spacing [s]: lag and rate see to that."""
-SHORTEST_CLEANED, NO_NOISE, MEDIAN_DEVIATION = 32, 1.0e-4, 0.6745
+SHORTEST_CLEANED, NO_NOISE = 32, 1.0e-4
 """Fewer samples, or with noise of less than this share of their range, are left alone; median of a normal
 distribution's absolute deviations."""
 NEIGHBOURS, NEIGHBOURHOOD = 4, 0.05
@@ -517,5 +528,5 @@ def _means(edges: FloatArray, time: FloatArray, values: FloatArray, substeps: in
         return np.zeros((substeps, (edges.size - 1) // substeps))
     grid = np.union1d(time, edges)
     there = np.interp(grid, time, values)
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (there[1:] + there[:-1]) * np.diff(grid))])
+    area = running(grid, there)
     return np.asarray((np.diff(area[np.searchsorted(grid, edges)]) / np.diff(edges)).reshape(-1, substeps).T)

@@ -23,11 +23,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Ratios
 from autopilot.identification.likelihood_model import reasons_of
+from autopilot.identification.likelihood_record import level_of
 from autopilot.identification.rudder_path import RudderRate
 from autopilot.identification.runs import FloatArray, Run, Segment
 
@@ -274,11 +274,7 @@ def _residual(series: Sequence[_Series], driven: Sequence[FloatArray], time: flo
 
 
 def _low_pass(values: FloatArray, dt: float, tau: float) -> FloatArray:
-    share = -math.expm1(-dt / tau)
-    bands = np.ones((2, values.size))
-    bands[1] = share - 1.0
-    driven = np.append(values[0], share * values[1:])
-    return np.asarray(solve_banded((1, 0), bands, driven, check_finite=False))
+    return level_of(values, -math.expm1(-dt / tau))
 
 
 def _remembered(residual: FloatArray) -> float:

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.blas import dtbsv
 
-from autopilot.identification.runs import FloatArray, Run, Segment
+from autopilot.identification.runs import FloatArray, Run, Segment, running
 
 STRAIGHT_RAD_S = np.radians(0.05)
 """Neighbouring slopes this close count as one line; noise on the record exceeds it, and nothing is carried on then."""
@@ -133,7 +133,7 @@ def means_behind(
     many more than edges: from lag x' + x = u the integral of x is that of u less lag times what x rises by.
     """
     taken = _play(train.dead_band, rudder) if train.dead_band > 0.0 else rudder
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (taken[1:] + taken[:-1]) * np.diff(time))])
+    area = running(time, taken)
     moments = edges - train.delay
     left = np.clip(np.searchsorted(time, moments, side="right") - 1, 0, time.size - 2)
     since, angle = moments - time[left], taken[left]
@@ -190,6 +190,9 @@ FASTEST_SHARE = 0.75
 """The fastest group stands at this quantile of all slopes, weighted by travel: a few flukes are not a rate."""
 FEWEST_MOVEMENTS = 3
 """One straight line may be a hand on the wheel, or a gap in the record that was bridged."""
+MEDIAN_DEVIATION = 0.6745
+"""Of a normal distribution the median of absolute values, in its deviation; a second difference of white noise has the
+variance 6."""
 SLOWEST_SENSOR_S = 1.0
 """A rudder sensor with fewer samples than one in so long is taken to have no noise between them."""
 GAP_GROWS = 1.25
@@ -316,27 +319,27 @@ SMALL_SWING = 0.4
 def _noise(time: FloatArray, rudder: FloatArray) -> float:
     """Return the standard deviation of the noise [rad] from second differences, which straight lines do not have.
 
-    Their median keeps corners out of it; 0.6745 is a normal distribution's median of absolute values, 6 the variance
-    of a second difference of white noise. Between the samples of a slower sensor a record is interpolated and straight,
+    Their median keeps corners out of it. Between the samples of a slower sensor a record is interpolated and straight,
     so that the differences of neighbours tell too little: over wider gaps they grow until each gap spans one of the
     sensor's, and stay where the noise is. What grows on is movement, and neighbours are what tells least of that.
     """
     if rudder.size < FEWEST_SAMPLES:
         return 0.0
-    first = here = _second_difference(rudder, 1)
+    first = here = noise_over(rudder, 1)
     gap, widest = 2, min((rudder.size - 1) // 2, math.ceil(SLOWEST_SENSOR_S / float(np.median(np.diff(time)))))
     while gap <= widest:
-        wider = _second_difference(rudder, gap)
+        wider = noise_over(rudder, gap)
         if wider <= NOISE_STAYS * here:
             return here
         gap, here = max(gap + 1, int(GAP_GROWS * gap)), wider
     return first
 
 
-def _second_difference(rudder: FloatArray, gap: int) -> float:
-    """Return the deviation [rad] of a noise whose second differences over `gap` samples are the record's."""
-    differences = rudder[2 * gap :] - 2.0 * rudder[gap:-gap] + rudder[: -2 * gap]
-    return float(np.median(np.abs(differences))) / (0.6745 * math.sqrt(6.0))
+def noise_over(values: FloatArray, gap: int) -> float:
+    """Return the standard deviation of white noise, in the unit of `values`, from the median of their second
+    differences over a `gap` of samples."""
+    rises = values[gap:] - values[:-gap]
+    return float(np.median(np.abs(rises[gap:] - rises[:-gap]))) / (MEDIAN_DEVIATION * math.sqrt(6.0))
 
 
 def _corners(time: FloatArray, rudder: FloatArray, tolerance: float) -> list[int]:

@@ -179,12 +179,12 @@ def _standing(time: FloatArray, heading: FloatArray) -> tuple[list[NDArray[np.in
 
 def _has_turned(time: FloatArray, rate: FloatArray) -> bool:
     turned = abs(float(np.trapezoid(rate, time)))
-    return max(turned, float(np.ptp(_turned(time, rate)))) > FROZEN_TURN_RAD
+    return max(turned, float(np.ptp(running(time, rate)))) > FROZEN_TURN_RAD
 
 
-def _turned(time: FloatArray, rate: FloatArray) -> FloatArray:
-    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
-    return np.concatenate(([0.0], np.cumsum(steps)))
+def running(time: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the integral since the first `time` [s], at each, of what moves in straight lines."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))))
 
 
 TURNS_WINDOW_S = 10.0
@@ -222,7 +222,7 @@ def _turns_of(time: FloatArray, rate: FloatArray, heading: FloatArray) -> FloatA
     """Return by how much [rad] the boat turns in each window, by its rate, or where that is unknown by its heading."""
     rows = np.flatnonzero(np.isfinite(rate))
     if rows.size >= FROZEN_SAMPLES:
-        turned = _turned(time[rows], rate[rows])
+        turned = running(time[rows], rate[rows])
     else:
         rows = np.flatnonzero(np.isfinite(heading))
         turned = np.unwrap(heading[rows])

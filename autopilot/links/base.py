@@ -216,17 +216,17 @@ OFF_HEADING = math.radians(10.0)
 
 
 class AlarmNews:
-    """Says an alarm under `source` when it begins, becomes another, or ends. Attribute: said, the alarm said last."""
+    """Says an alarm under `source` when it begins, becomes another, or ends."""
 
     def __init__(self, source: str) -> None:
         self._source = source
-        self.said: AlarmEvent | None = None
+        self._said: AlarmEvent | None = None
 
     def of(self, now: float, alarm: AlarmEvent | None) -> list[Sample]:
         """Return what is to be said of the alarm of `now` [s]."""
-        if alarm == self.said:
+        if alarm == self._said:
             return []
-        self.said = alarm
+        self._said = alarm
         return [AlarmSample(now, alarm, self._source)]
 
 
@@ -248,8 +248,7 @@ class GuideAlarms(Link):
 
     def receive(self, now: float) -> list[Sample]:
         """Return what is new."""
-        alarm = self._guide.alarm
-        return [] if alarm == self._news.said else self._news.of(now, alarm)
+        return self._news.of(now, self._guide.alarm)
 
 
 class HelmNews:

@@ -46,14 +46,13 @@ class Standing(NamedTuple):
     """A heading that is the same to the last digit: the `samples` that say so, the first of them [s] and the last; the
     turn that the rate beside it, less rate_bias [rad/s], what is known of its error, adds up to [rad], nan where none
     came, and its span; rate_unknown [(rad/s)^2]: the variance of that bias, inf: it is not known; walk [rad^2]: that of
-    the rate's noise, added up; last_rate: that rate the time
-    before, nan where none was, and whether it has moved since the model's turn was reckoned; that turn, which the model
-    makes of the rudder while the rate stands: when it was reckoned last [s], the bias [rad], the rate [rad/s], and how
-    far it has turned [rad]; is_frozen: until it moves again; source: whose heading it is; off [rad]: how far it was
-    from the boat's as that was estimated when it began to stand, and unknown [rad^2]: the variance of that; steered:
-    the rate [rad/s] and the turn [rad] that the rudder has made since of a boat that lay on its course; quickest
-    [rad/s]: of late, by the rate beside it and by the model, and beyond [s]: since when either turn is more than its
-    limit, nan: it is not."""
+    the rate's noise, added up; last_rate: that rate the time before, nan where none was, and whether it has moved since
+    the model's turn was reckoned; that turn, which the model makes of the rudder while the rate stands: when it was
+    reckoned last [s], the bias [rad], the rate [rad/s], and how far it has turned [rad]; is_frozen: until it moves
+    again; source: whose heading it is; off [rad]: how far it was from the boat's as that was estimated when it began to
+    stand, and unknown [rad^2]: the variance of that; steered: the rate [rad/s] and the turn [rad] that the rudder has
+    made since of a boat that lay on its course; quickest [rad/s]: of late, by the rate beside it and by the model, and
+    beyond [s]: since when either turn is more than its limit, nan: it is not."""
 
     heading: float = math.nan
     samples: int = 0
@@ -229,10 +228,20 @@ def frozen_step(
             change = heading - standing.heading
             change = change if -PI < change <= PI else wrap(change)
             sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
-        since = Standing(heading, 1, time, time, math.nan, 0.0, 0.0, math.nan, False, now, state.bias, state.rate)
-        off = wrap(heading - state.heading + state.rate * (now - time))
-        standing = since._replace(source=sample.source, off=off, unknown=seen.unknown, rate_bias=seen.rate_bias)
-        standing = standing._replace(rate_unknown=seen.rate_unknown)
+        standing = Standing(
+            heading,
+            1,
+            time,
+            time,
+            reckoned=now,
+            bias=state.bias,
+            rate=state.rate,
+            source=sample.source,
+            off=wrap(heading - state.heading + state.rate * (now - time)),
+            unknown=seen.unknown,
+            rate_bias=seen.rate_bias,
+            rate_unknown=seen.rate_unknown,
+        )
     if standing.is_frozen:
         return standing, sea
     if standing.samples < 2:

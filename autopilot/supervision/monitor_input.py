@@ -47,9 +47,9 @@ class MonitorInput(NamedTuple):
     trial's. rudder_is_measured: there is a sensor of its angle. damps_roll: the rudder works against roll too.
     rudder_is_slow: it has turned out to be slower than filed, and turns are planned with that. rate_bias [rad/s]: the
     standing error of the rate sensor, 0 where it is not known; rate_unknown [(rad/s)^2]: its variance, inf: it is not.
-    weaker: the share of the model's answer that
-    drift leaves, where only the ground tells the speed. sea_watched [s]: for how long the sea has been learnt, since it
-    was forgotten last. unknown [rad^2]: the variance of the heading as it is estimated.
+    weaker: the share of the model's answer that drift leaves, where only the ground tells the speed. sea_watched [s]:
+    for how long the sea has been learnt, since it was forgotten last. unknown [rad^2]: the variance of the heading as
+    it is estimated.
     """
 
     now: float
