@@ -448,6 +448,28 @@ def test_what_no_boat_sends_is_not_drawn_and_what_is_old_promises_nothing(helm: 
     page.context.close()
 
 
+SLOW_DRAWS = """async () => {
+  const { boat } = await import("/boat.js"), clock = performance.now, drawn = [];
+  boat.state = { ...boat.state, mode: "standby", armed: true, ages: { ...boat.state.ages, beat: 2 } };
+  for (let late = 0; late < 1200; late += 20) {
+    let now = boat.received + late;
+    performance.now = () => (now += 20);
+    boat.onState();
+    drawn.push([!document.getElementById("stale").hidden, document.getElementById("mode-more").textContent]);
+  }
+  performance.now = clock;
+  return drawn;
+}"""
+
+
+def test_one_draw_tells_of_one_moment_however_long_it_takes(helm: Helm) -> None:
+    page = helm.open()
+    drawn = page.evaluate(SLOW_DRAWS)
+    assert [False, "ready, you steer"] in drawn and [True, ""] in drawn
+    assert [True, "ready, you steer"] not in drawn, "what is old promises nothing"
+    page.context.close()
+
+
 WIDEST = """async () => {
   const { boat } = await import("/boat.js"), { drawDial } = await import("/dial.js"), cut = [];
   for (const value of [-0.4, -9.94, -9.96, -34.9, -123.4]) {

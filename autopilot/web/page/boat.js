@@ -6,7 +6,7 @@ export const boat = {
   state: null, alarms: [], history: [], orders: [], sound: null, learning: {}, trial: null, dodge: null, texts: [],
   route: [], compasses: [], track: [], courses: "steered", received: -Infinity, refused: "", ended: false,
   onState() {}, onRow() {}, onHistory() {}, onText() {}, onMay() {},
-  silence() { return Number.isFinite(this.received) ? (performance.now() - this.received) / 1000 : (performance.now() - started) / 1000; },
+  silence() { return ((moment ?? performance.now()) - (Number.isFinite(this.received) ? this.received : started)) / 1000; },
   age(group) {
     const age = this.state?.ages[group];
     return age === undefined ? null : age + this.silence();
@@ -33,6 +33,14 @@ export function shift() {
 export const isMagnetic = () => shift() === 0 ? Boolean(boat.state?.magnetic) : !boat.state.magnetic;
 
 const started = performance.now();
+let moment = null;
+
+/* Ages asked for while this works are those of its beginning: one picture shows one moment. */
+export function atOneMoment(work) {
+  moment = performance.now();
+  try { work(); } finally { moment = null; }
+}
+
 let token = null, allowed = false, source = null, tried = started;
 
 /* The token stands behind the # of the address, which no browser sends on. It is kept for this browser. */

@@ -1,6 +1,6 @@
 // The page's entry: which panel is shown, who may steer, keys, and the parts that draw what comes from the boat.
 import { drawAlarms, setUpAlarms } from "./alarms.js";
-import { boat, connect, ask, may, learnToken, shift } from "./boat.js";
+import { atOneMoment, boat, connect, ask, may, learnToken, shift } from "./boat.js";
 import { drawChart, setUpChart } from "./chart.js";
 import { compass, drawDial, sided } from "./dial.js";
 import { drawDisplay, setUpDisplay, showCodes } from "./display.js";
@@ -170,7 +170,9 @@ function markStale() {
   }
 }
 
-function draw() {
+const draw = () => atOneMoment(drawAll);
+
+function drawAll() {
   markStale();
   drawMode();
   drawLink();
