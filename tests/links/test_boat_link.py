@@ -571,6 +571,35 @@ def test_an_order_to_engage_whose_station_could_not_see_that_another_stood_by_is
     assert two.orders[1:] == [("engage", None)], "one that was given a second after it counts"
 
 
+@pytest.mark.parametrize("ahead", [-100, -40, 4, 11, 25, 77, 127])
+def test_another_station_of_the_same_id_behind_one_router_has_not_seen_the_standby(ahead: int) -> None:
+    bench = Bench(armed=True)
+    bench.commands.last_stop.on_tick(tick(Mode.ENGAGED, 0.0))
+    put(bench, 6, *TURN)
+    bench.run(0.2, Mode.ENGAGED)
+    put(bench, 7, *STAND_BY)
+    bench.run(0.1)
+    put(bench, (7 + ahead) % 256, *ENGAGE)
+    answers = bench.run(0.8)
+    assert bench.hand.orders[-1] == ("stand by", None)
+    assert acknowledged(answers)[-1] == 1
+    assert "before you could see it" in "".join(each.text for each in answers if each.get_type() == "STATUSTEXT")
+    put(bench, (8 + ahead) % 256, *ENGAGE)
+    bench.run(0.2)
+    assert bench.hand.orders[-1] == ("engage", None), "one that was given 0.8 s after it counts"
+
+
+@pytest.mark.parametrize("lost", [0, 2])
+def test_the_station_that_stood_by_engages_at_once_though_its_line_loses_some(lost: int) -> None:
+    bench = Bench(armed=True)
+    put(bench, 255, *STAND_BY)
+    bench.run(0.1, Mode.ENGAGED)
+    bench.run(0.1)
+    put(bench, lost, *ENGAGE)
+    bench.run(0.1)
+    assert bench.hand.orders == [("stand by", None), ("engage", None)]
+
+
 def test_what_was_said_again_since_before_another_stood_by_is_refused() -> None:
     """The first saying was lost; a station repeats by itself what nobody has acknowledged."""
     two = TwoStations()

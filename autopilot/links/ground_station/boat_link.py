@@ -221,7 +221,8 @@ class BoatLink(StationLink):
                 running = self._commands.running
                 is_it = running is not None and running.command == getattr(message, "command", None)
                 return self._service.answered(message, running.result if running is not None and is_it else ACCEPTED)
-            if may_engage(message) and stop.is_unseen(now, giver, confirmation_of(message)):
+            seen_by = giver if self._sequence.has_seen_stop(now, message) else None
+            if may_engage(message) and stop.is_unseen(now, seen_by, confirmation_of(message)):
                 return self._put_off(now, message, UNSEEN)
         answers = self._service.take(now, message)
         if kind in VOIDING or any(getattr(answer, "result", None) in (ACCEPTED, IN_PROGRESS) for answer in answers):

@@ -59,6 +59,9 @@ OVERTAKEN = 32
 """So many of its sender's messages may have come before one that was sent ahead of them."""
 SHARED_BEATS, SHARED_WITHIN_S, BEATS_KEPT = 4, 10.0, 32
 """So many heartbeats of each, by turns, within this time [s] are two stations'; so many are kept."""
+LOST_TOO = 3
+"""Numbers go on by so much for each message that comes, on a line that loses two of three; farther off it is another
+station's count, which lies there by chance once in 85."""
 RESTARTED_S = 2.0
 """A sender whose numbers have only come from behind for so long has begun anew: one that goes on beats each second."""
 ONCE = frozenset({"COMMAND_LONG", "COMMAND_INT", "SET_MODE"})
@@ -92,6 +95,8 @@ class _Sender:
         self.beats: deque[tuple[float, int, bool]] = deque(maxlen=BEATS_KEPT)
         """Its heartbeats of late: when [s], number, and whether that lay far behind the newest."""
         self.last: dict[str, tuple[float, int, str]] = {}
+        self.since_stop = 0
+        """How many messages came since its last order to stand by was taken."""
 
     def number_of(self, message: Message) -> int:
         """Return the number of a message, as it goes on: the nearest to the newest."""
@@ -119,6 +124,7 @@ class OrderSequence:
         sender = self._sender(message)
         number = sender.number_of(message)
         sender.counts = sender.counts or number != sender.newest
+        sender.since_stop += 1
         is_far = sender.first <= number < sender.newest - OVERTAKEN
         is_beat = message.get_type() == "HEARTBEAT" and (is_far or number > sender.newest)
         if is_beat and all(number != each for _, each, _ in sender.beats):
@@ -137,6 +143,16 @@ class OrderSequence:
         recent = [is_far for time, _, is_far in self._sender(message).beats if now - time <= SHARED_WITHIN_S]
         turns = sum(before is not after for before, after in pairwise(recent))
         return min(recent.count(True), recent.count(False), turns) >= SHARED_BEATS
+
+    def has_seen_stop(self, now: float, message: Message) -> bool:
+        """Return whether who sends this let the pilot stand by last under its id, and so knows it: its numbers go on
+        from there, by no more than came since and were lost meanwhile. Another station under that id counts by itself.
+        """
+        sender = self._sender(message)
+        if "" not in sender.last or self.are_two(now, message):
+            return False
+        gone_on = sender.number_of(message) - sender.last[""][1]
+        return 0 <= gone_on <= LOST_TOO * sender.since_stop
 
     def is_again(self, now: float, message: Message) -> bool:
         """Return whether an order has been taken already: this very one, the same said once more, or before, and late.
@@ -177,6 +193,7 @@ class OrderSequence:
         sender = self._sender(message)
         number = sender.number_of(message)
         if stands_by(message):
+            sender.since_stop = 0
             sender.taken.clear()  # what is ordered from now on is meant to end it, however often it is said
         if stands_by(message) or message.get_type() in VOIDING:
             sender.last = {name: each for name, each in sender.last.items() if now - each[0] <= REPEATED_S}
