@@ -60,7 +60,9 @@ def test_a_vehicle_that_still_starts_up_is_named_with_what_to_do(state: int, nam
     found = watch()
     found.heartbeat(0.0, 0, True, state)
     reason = found.reason(0.0, parameters() if known else VehicleParameters(), 255)
-    assert f"still starts up (MAV_STATE {name})" in reason and "restart it" in reason
+    assert f"(MAV_STATE {name})" in reason and "restart it" in reason
+    assert ("still starts up" in reason) is (state != 2), "PX4 calibrates a compass while it is turned"
+    assert ("end that at the ground station" in reason) is (state == 2)
     found.heartbeat(1.0, 0, True, 3)
     assert "starts up" not in found.reason(1.0, VehicleParameters(), 255)
 
@@ -79,7 +81,9 @@ def test_silence_of_three_seconds_or_no_heartbeat_for_eight_ends_it() -> None:
     ("mode", "name"),
     [(0, "MANUAL"), (1, "ACRO"), (3, "STEERING"), (4, "HOLD"), (5, "LOITER"), (6, "FOLLOW"), (7, "SIMPLE"),
      (8, "DOCK"), (9, "CIRCLE"), (10, "AUTO"), (11, "RTL"), (12, "SMART_RTL"), (15, "GUIDED"),
-     (16, "INITIALISING"), (2, "2"), (14, "14")],
+     (16, "INITIALISING"), (2, "2, which is not known here"), (14, "14, which is not known here"),
+     (0x00030000, "Position"), (0x06040000, "Land"), (0x12040000, "External 8"), (0x000A0000, "Termination"),
+     (0x01060000, "17170432, which is not known here")],
 )  # fmt: skip
 def test_one_mode_alone_is_steered_in_and_any_other_is_named(mode: int, name: str, guided: bool) -> None:
     found = watch(guided)
@@ -188,12 +192,22 @@ def test_a_restart_is_said_until_all_that_it_takes_has_come_again() -> None:
     found = watch()
     found.commanded(0.0, 1500)
     found.misfit = found.radio = "something"
-    found.rebooted()
+    found.rebooted(0.0, math.nan, 0.0)
     assert (found.steering, found.armed, found.booted, found.misfit, found.radio) == (False, False, False, "", "")
     said = found.reason(0.0, VehicleParameters(), 255)
     assert said.endswith("; reading the vehicle's parameters")
     assert found.reason(0.0, parameters(), 255) == "the vehicle is disarmed; arm it"
     assert found.reason(0.0, VehicleParameters(), 255) == "reading the vehicle's parameters", "that is over"
+
+
+def test_one_vehicle_that_restarts_again_and_again_is_not_taken_for_two() -> None:
+    found = watch()
+    for start in (10.0, 14.0, 18.0):
+        found.rebooted(start + 2.5, start - 4.0, start)
+    assert not found.reason(20.5, parameters(), 255).startswith("two vehicles")
+    found.rebooted(21.0, 18.0, 14.2)
+    assert found.reason(21.0, parameters(), 255).startswith("two vehicles")
+    assert found.reason(52.0, parameters(), 255) != found.reason(21.0, parameters(), 255)
 
 
 def test_a_radio_and_a_misfit_are_reported_as_they_are() -> None:

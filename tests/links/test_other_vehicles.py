@@ -66,6 +66,31 @@ def test_another_kind_of_vehicle_with_the_same_id_ends_the_steering(kind: int, a
     assert boat.link.session.vehicle == 1, "a neighbour's boat does not become ours by that"
 
 
+@pytest.mark.parametrize("older", [5.0, 60.0])
+def test_two_boats_with_one_id_are_named_and_neither_is_steered(older: float) -> None:
+    """Another boat, switched on earlier, on the same radio channel with the id that all boats come with."""
+    boat, other = engaged(), Lockstep(LANXIN)
+    other.run(older)
+    heard: list[bytes] = []
+    put = other.down.put
+
+    def overheard(now: float, data: bytes) -> None:
+        heard.append(data)
+        put(now, data)
+
+    other.down.put = overheard  # type: ignore[method-assign]
+    for second in range(6):
+        if second == 3:
+            boat.engage(60.0)
+        for _ in range(20):
+            other.run(0.05)
+            boat.inject(b"".join(heard))
+            heard.clear()
+            boat.run(0.05)
+            assert second < 1 or boat.tick.mode is not Mode.ENGAGED
+    assert any("two vehicles with one system id" in each for each in words_of(boat.tick)), words_of(boat.tick)
+
+
 def test_a_heartbeat_that_is_no_autopilot_s_says_nothing_of_the_vehicle() -> None:
     boat = engaged()
     for _ in range(5):

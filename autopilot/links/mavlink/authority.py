@@ -33,6 +33,7 @@ from autopilot.signals import HelmCause
 MANUAL_MODE = 0
 GUIDED_MODE = 15
 OFFBOARD_MODE = 6 << 16
+PX4_MAIN, PX4_AUTO = "Manual Altitude Position Auto Acro Offboard Stabilised", "Ready Takeoff Hold Mission Return Land"
 MODE_NAMES = {
     0: "MANUAL",
     1: "ACRO",
@@ -48,14 +49,10 @@ MODE_NAMES = {
     12: "SMART_RTL",
     15: "GUIDED",
     16: "INITIALISING",
-    1 << 16: "Manual",
-    3 << 16: "Position",
-    4 << 16 | 3 << 24: "Hold",
-    4 << 16 | 4 << 24: "Mission",
-    4 << 16 | 5 << 24: "Return",
-    5 << 16: "Acro",
-    OFFBOARD_MODE: "Offboard",
-    7 << 16: "Stabilised",
+    **dict(zip(range(1 << 16, 8 << 16, 1 << 16), PX4_MAIN.split(), strict=True)),
+    **{4 << 16 | sub << 24: name for sub, name in enumerate(PX4_AUTO.split(), 1)},
+    **{4 << 16 | (10 + number) << 24: f"External {number}" for number in range(1, 9)},
+    10 << 16: "Termination",
 }
 """ArduRover's custom modes, and PX4's, main mode << 16 | sub mode << 24 (Rover/mode.h; px4_custom_mode.h)."""
 TERMINATED_STATE = 8
@@ -70,6 +67,20 @@ STARTS = (
     "the vehicle says that it still starts up (MAV_STATE {name}) and is not asked for anything before it has; read its "
     "messages, let it lie still, and restart it where it stays so"
 )
+CALIBRATES = (
+    "the vehicle says that it calibrates (MAV_STATE {name}) and is not asked for anything before it has: where it has "
+    "just been switched on let it lie still; where its compass, gyro or radio is calibrated end that at the ground "
+    "station; restart it where it stays so"
+)
+"""ArduPilot says so while it starts (Rover, mode INITIALISING), PX4 while a calibration runs, of which that of the
+compass wants it turned (streams/HEARTBEAT.hpp)."""
+TWINS = (
+    "two vehicles with one system id are heard on this line, so that orders for one reach both: give each an id of its "
+    "own (MAV_SYSID or SYSID_THISMAV; MAV_SYS_ID of a PX4), or switch one off"
+)
+TWINS_LAST_S, SAME_START_S, STARTS_KEPT = 30.0, 1.0, 8
+"""So long [s] after they were last told apart two vehicles are said; what began within so much [s] is one; so many
+beginnings are kept."""
 HEARTBEAT_S = 1.0
 SILENCE_S = 3.0
 """Nothing at all from the vehicle for this long ends our right to steer."""
@@ -146,6 +157,9 @@ class ControlAuthority:
         self.another_steers = False
         """Whether another pilot has said last that it steers."""
         self._rebooted = False
+        self._starts: deque[tuple[float, float]] = deque(maxlen=STARTS_KEPT)
+        """When [s] one clock was left for another, and when [s] by either of them the vehicle had begun."""
+        self._twins_until = -math.inf
         self._judged: tuple[int, int] | None = None
         self._parameter_reason = ""
 
@@ -177,8 +191,15 @@ class ControlAuthority:
         self.last_command = now
         self.echo.commanded(now, pulse)
 
-    def rebooted(self) -> None:
-        """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew."""
+    def rebooted(self, now: float, left: float, begun: float) -> None:
+        """Forget what the vehicle showed before it restarted: it is disarmed and must be asked anew.
+
+        By the clock that was followed it had begun at `left` [s], by that which is now at `begun` [s]. No vehicle
+        begins anew at a time at which it has begun before: that is the other one of two.
+        """
+        if any(now - when <= TWINS_LAST_S and abs(begun - each) <= SAME_START_S for when, each in self._starts):
+            self._twins_until = now + TWINS_LAST_S
+        self._starts.extend(((now, left), (now, begun)))
         self._rebooted = True
         self._state, self.armed, self.booted = -1, False, False
         self.released()
@@ -278,6 +299,8 @@ class ControlAuthority:
             return f"this computer stood still for {self.stood_still:.1f} s: the vehicle has taken the rudder back"
         if self.obstacle:
             return self.obstacle
+        if now <= self._twins_until:
+            return TWINS
         silence = now - self.heartbeat_time
         if silence > HEARTBEAT_TIMEOUT_S or now - self.received_time > SILENCE_S:
             self.cause = HelmCause.SILENT
@@ -289,7 +312,8 @@ class ControlAuthority:
             self._parameter_reason = _parameter_reason(parameters, system, self._guided) if asks else ""
         waiting = self._parameter_reason or ("" if self._guided else self.misfit)
         if self._state in STARTING and not self.steering:
-            waiting = STARTS.format(name=STARTING[self._state])
+            words = CALIBRATES if self._state == dialect.MAV_STATE_CALIBRATING else STARTS
+            waiting = words.format(name=STARTING[self._state])
         if waiting and self._rebooted:
             self.cause = HelmCause.REBOOTED
             return f"the vehicle has rebooted; {waiting}"
@@ -310,7 +334,7 @@ class ControlAuthority:
         needed, ours = (GUIDED_MODE, "heading targets") if self._guided else (MANUAL_MODE, "rudder commands")
         needed = OFFBOARD_MODE if self._offboard else needed
         if self.mode != needed:
-            name = MODE_NAMES.get(self.mode, str(self.mode))
+            name = MODE_NAMES.get(self.mode, f"{self.mode}, which is not known here")
             return f"the vehicle is in mode {name}, where {ours} are not obeyed; switch it to {MODE_NAMES[needed]}"
         if not self.armed:
             return "the vehicle is disarmed; arm it"

@@ -419,9 +419,10 @@ class VehicleReader:
         if belongs is Belongs.STRANGE:
             return None
         if belongs is Belongs.REBOOTED:
+            left = self._clock.offset
             self._clock.reset()
             self._ask_anew()
-            self.authority.rebooted()
+            self.authority.rebooted(now, math.nan if left is None else left, now - boot)
         return self._clock.local(now, boot)
 
     def _is_overtaken(self, now: float, kind: int, boot: float, wrap_s: float) -> bool:
