@@ -76,8 +76,8 @@ set -e
 DEFAULTS = """\
 # The arguments of `autopilot run` when the service steers: systemctl enable --now norrbin.
 # Put your boat's file at /var/lib/norrbin/boat.yaml first, and name its links here.
-NORRBIN_ARGUMENTS="/var/lib/norrbin/boat.yaml --link serial:/dev/serial0:57600 --as-gcs --reconnect --realtime \\
---log-dir /var/log/norrbin"
+NORRBIN_ARGUMENTS="/var/lib/norrbin/boat.yaml --link serial:/dev/serial0:57600 --as-gcs --reconnect --wait 0 \\
+--realtime --log-dir /var/log/norrbin"
 """
 
 

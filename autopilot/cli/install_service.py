@@ -107,8 +107,8 @@ TimeoutStopSec=10
 TimeoutAbortSec=5
 Restart=on-failure
 RestartSec=200ms
-# bad usage and files that cannot be used do not mend by themselves
-RestartPreventExitStatus=2
+# usage, a link that is none, files that cannot be used, and boats that cannot be steered by them do not mend
+RestartPreventExitStatus=2 4
 
 User={service.user}
 Group={service.user}

@@ -123,7 +123,8 @@ class Ending:
         self._links = ", ".join(plan.urls)
         self._wait = wait
         self._must_engage = must_engage
-        self._patience = ORDER_WAITS if plan.vessel.helm.method == "offboard" else ENGAGE_PATIENCE
+        patience = ORDER_WAITS if plan.vessel.helm.method == "offboard" else ENGAGE_PATIENCE
+        self._patience = patience if wait > 0.0 else math.inf
         self._first_heading: float | None = None
         self.engaged = False
 
@@ -138,7 +139,12 @@ class Ending:
                     line.forget()
             elif 0.0 < self._wait <= tick.now:
                 raise self._silence(self._wait)
-        elif self._must_engage and not self.engaged and tick.now - self._first_heading > self._patience:
+        elif (
+            self._must_engage
+            and not self.engaged
+            and self._wait > 0.0
+            and self._patience < tick.now - self._first_heading
+        ):
             raise self._refusal(tick)
         return self.stop
 
@@ -281,7 +287,7 @@ def add_steering_options(parser: argparse.ArgumentParser, needs_link: bool = Tru
         action=WAITING,
         default=30.0,
         metavar="S",
-        help="give up if no heading comes for this long (0: never)",
+        help="give up if no heading comes for this long (0: never, nor where --engage is refused)",
     )
     parser.add_argument(
         "--speedup", action=SPEEDUP, default=1.0, metavar="X", help="for a simulator that runs X times faster"

@@ -15,7 +15,8 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from importlib import import_module
 
-from autopilot.links.base import LinkError, Transport
+from autopilot.errors import InputError
+from autopilot.links.base import Transport
 from autopilot.links.drives import DRIVES
 from autopilot.links.mavlink.codec import MavlinkCodec, Message, is_mavlink
 from autopilot.links.mavlink.signing import BEHIND, LinkSigning
@@ -93,13 +94,13 @@ def _what_to_write(scheme: str) -> str:
 
 
 def parse_url(text: str, also: tuple[str, ...] = ()) -> LinkUrl:
-    """Return the link that `text` names; LinkError with one sentence where it names none.
+    """Return the link that `text` names; InputError with one sentence where it names none.
 
     also: options that are allowed beyond those of every link of its kind.
     """
     scheme, rest = split_scheme(text.strip())
     if ":" not in text or scheme not in SCHEMES:
-        raise LinkError(f"link {text!r}: unknown kind {scheme!r}; {_what_to_write(scheme)}")
+        raise InputError(f"link {text!r}: unknown kind {scheme!r}; {_what_to_write(scheme)}")
     protocol, medium = SCHEMES[scheme]
     rest, mark, query = rest.partition("?")
     takes = (*OPTIONS.get(protocol, ()), *also, *(("allow",) if MEDIA[medium].listens else ()))
@@ -109,7 +110,7 @@ def parse_url(text: str, also: tuple[str, ...] = ()) -> LinkUrl:
     if usual and not (colon and number.isdecimal()):
         place, colon, number = rest, ":", usual
     if not colon or not place:
-        raise LinkError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
+        raise InputError(f"link {text!r}: incomplete; write it like {EXAMPLES[scheme]}")
     where = MEDIA[medium].place(Written(text, EXAMPLES[scheme], place, number))
     return LinkUrl(text, protocol, medium, *where, options=options)
 

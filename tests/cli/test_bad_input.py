@@ -134,7 +134,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
     ("arguments", "code", "parts"),
     [
         (["nowhere.yaml", "--link", "udpin:127.0.0.1:0"], 2, ["nowhere.yaml"]),
-        (["lanxin", "--link", "carrier-pigeon:7"], 3, ["carrier-pigeon"]),
+        (["lanxin", "--link", "carrier-pigeon:7"], 2, ["carrier-pigeon"]),
         (["lanxin", "--link-wait", "0", "--link", "serial:/dev/not-there:115200"], 3, ["/dev/not-there"]),
         (["lanxin", "--link-wait", "0", "--link", "tcp:127.0.0.1:1"], 3, ["tcp:127.0.0.1:1"]),
         (["lanxin", "--link", "udpin:127.0.0.1:0", "--engage", "400"], 2, ["400", "0 to 360"]),

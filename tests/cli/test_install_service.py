@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -163,3 +164,21 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, capsys: pytest.
     (tmp_path / "var").write_text("a file where a folder must be")
     assert main([*INSTALL, "--root", str(tmp_path)]) == 2
     assert "run it as root (sudo), or below another folder with --root" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("vessel", "more"),
+    [
+        ("lanxin", "--link updin:127.0.0.1:1"),
+        ("no-such.yaml", ""),
+        ("lanxin_paper_gains", "--engage 90"),
+        ("lanxin", "--no"),
+    ],
+)
+def test_a_mistake_in_the_configuration_is_not_restarted(vessel: str, more: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "autopilot", "run", vessel, "--link", "udpin:127.0.0.1:0", "--wait", "0"]
+    ended = subprocess.run(
+        [*command, *more.split()], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    unit = settings_of(unit_text(Service("norrbin", "norrbin", ())))
+    assert str(ended.returncode) in unit["RestartPreventExitStatus"].split(), ended.stderr

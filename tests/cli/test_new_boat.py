@@ -265,7 +265,7 @@ def test_nothing_moves_where_nobody_is_there_to_watch(
     assert main(given) == 2 and not commands
     assert "with --yes" in capsys.readouterr().err
     given[3] = "udpinn:127.0.0.1:1"
-    assert main([*given, "--yes"]) == 3 and not commands
+    assert main([*given, "--yes"]) == 2 and not commands
     assert Checklist(tmp_path / "mine.yaml").links[1] == "udpin:127.0.0.1:1", "a link that is none is not kept"
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from autopilot.errors import InputError
 from autopilot.links import url
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.mavlink.codec import MavlinkCodec, dialect
@@ -217,7 +218,7 @@ def test_a_kind_of_transport_is_one_line_in_the_registry(monkeypatch: pytest.Mon
     near = url.open_transport("wire:127.0.0.1:7?allow=127.0.0.1")
     near.send(HELLO)
     assert far[7].receive() == [HELLO]
-    with pytest.raises(LinkError, match=r"port 'x' is not a whole number .* write it like wire:localhost:7"):
+    with pytest.raises(InputError, match=r"port 'x' is not a whole number .* write it like wire:localhost:7"):
         url.parse_url("wire:127.0.0.1:x")
-    with pytest.raises(LinkError, match=r"unknown kind 'wires'; write wire:localhost:7"):
+    with pytest.raises(InputError, match=r"unknown kind 'wires'; write wire:localhost:7"):
         url.parse_url("wires:127.0.0.1:7")

@@ -21,6 +21,7 @@ from monitored_boat import Watched
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from station_doubles import Skipper, Store
 
+from autopilot.errors import InputError
 from autopilot.files.strict_yaml import parse_document
 from autopilot.guidance.track import TrackGuide
 from autopilot.links.base import LinkError
@@ -243,7 +244,7 @@ def test_listening_everywhere_is_said_and_an_interface_can_be_named(capsys: pyte
     assert isinstance(link, UdpInTransport) and link._socket.getsockname()[0] == "127.0.0.1"
     assert capsys.readouterr().err == f"link 'udpin:lo:0' listens at port {link.port}\n"
     link.close()
-    with pytest.raises(LinkError, match="incomplete"):
+    with pytest.raises(InputError, match="incomplete"):
         parse_url("udpin::14550")
 
 
@@ -256,7 +257,7 @@ def test_listening_everywhere_is_said_and_an_interface_can_be_named(capsys: pyte
     ],
 )
 def test_bad_allowances_are_one_sentence(url: str, sentence: str) -> None:
-    with pytest.raises(LinkError, match=sentence):
+    with pytest.raises(InputError, match=sentence):
         parse_url(url)
 
 

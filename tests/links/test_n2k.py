@@ -13,6 +13,7 @@ from alarm_texts import words
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from autopilot.errors import InputError
 from autopilot.links.base import LinkError
 from autopilot.links.n2k.link import BusLine, N2kLink, open_bus
 from autopilot.links.n2k.packets import group_and_source, identifier
@@ -285,7 +286,7 @@ def test_no_bus_and_no_package_are_one_sentence_each(monkeypatch: pytest.MonkeyP
         LinkError, match=r"link 'n2k:nosuch:can0': the CAN bus cannot be opened: .* is one of .*socketcan"
     ):
         open_bus("n2k:nosuch:can0", "nosuch", "can0")
-    with pytest.raises(LinkError, match="incomplete; write it like n2k:socketcan:can0"):
+    with pytest.raises(InputError, match="incomplete; write it like n2k:socketcan:can0"):
         parse_url("n2k:socketcan:")
     real = builtins.__import__
 

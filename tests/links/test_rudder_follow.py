@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.links.base import LinkError
+from autopilot.errors import InputError
 from autopilot.links.nmea import sentences as encoders
 from autopilot.links.nmea.link import NmeaLink, NmeaSettings
 from autopilot.links.rudder_order import FollowSettings, RudderFollow
@@ -146,7 +146,7 @@ def test_options_of_a_link() -> None:
     ],
 )
 def test_bad_options_are_one_sentence(url: str, words: str) -> None:
-    with pytest.raises(LinkError) as caught:
+    with pytest.raises(InputError) as caught:
         parse_url(url)
     assert words in str(caught.value)
     assert url in str(caught.value)

@@ -24,6 +24,7 @@ from collections.abc import Callable, Mapping
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.dialects.v20.ardupilotmega import MAVLINK_MSG_ID_HEARTBEAT
 
+from autopilot.errors import InputError
 from autopilot.links.base import LinkError, Transport
 from autopilot.links.ground_station.access import Budget, LinkAccess, StationLink, refused_senders_of
 from autopilot.links.mavlink.codec import MavlinkCodec, is_mavlink
@@ -115,7 +116,7 @@ def asks_for_streams(frame: bytes) -> bool:
 
 
 def filter_of(url: LinkUrl) -> OutgoingFilter | None:
-    """Return what the URL of a link says of what leaves there; None where it says nothing. Raises LinkError."""
+    """Return what the URL of a link says of what leaves there; None where it says nothing. Raises InputError."""
     options = url.options
     if not options.rates and not options.sources:
         return None
@@ -131,7 +132,7 @@ def _identity_of(text: str, name: str) -> int:
     if name in ids:
         return ids[name]
     near = difflib.get_close_matches(name.upper(), ids, n=3) or ["ATTITUDE"]
-    raise LinkError(
+    raise InputError(
         f"link {text!r}: there is no MAVLink message {name!r}; write a name such as {', '.join(near)}, a message's "
         f"number, or {OTHERS}"
     )

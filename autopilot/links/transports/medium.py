@@ -17,6 +17,7 @@ import struct
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
+from autopilot.errors import InputError
 from autopilot.links.base import LinkError, NotThereError, Transport
 
 Network: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
@@ -197,23 +198,23 @@ class Written(NamedTuple):
     behind: str
 
     def number(self, what: str, low: int, high: int) -> int:
-        """Return what stands behind the colon as a whole number. LinkError where it is none from `low` to `high`."""
+        """Return what stands behind the colon as a whole number. InputError where it is none from `low` to `high`."""
         digits = self.behind
         value = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 9 else -1
         if not low <= value <= high:
-            raise LinkError(
+            raise InputError(
                 f"link {self.text!r}: {what} {digits!r} is not a whole number from {low} to {high}; "
                 f"write it like {self.example}"
             )
         return value
 
     def host(self) -> str:
-        """Return the host before the colon, of an IPv6 address without its brackets. LinkError where it is none."""
+        """Return the host before the colon, of an IPv6 address without its brackets. InputError where it is none."""
         place = self.before
         bracketed = place.startswith("[") and place.endswith("]")
         host = place[1:-1] if bracketed else place
         if not host or (":" in host and not bracketed) or any(c.isspace() or c in "/[]" for c in host):
-            raise LinkError(f"link {self.text!r}: host {place!r} is not an address; write it like {self.example}")
+            raise InputError(f"link {self.text!r}: host {place!r} is not an address; write it like {self.example}")
         return host
 
 
@@ -280,23 +281,23 @@ class WholeChunks:
 
 
 def parse_options(text: str, query: str, allowed: tuple[str, ...]) -> UrlOptions:
-    """Return the options of `query`, the part of the URL `text` behind its `?`. Raises LinkError."""
+    """Return the options of `query`, the part of the URL `text` behind its `?`. Raises InputError."""
     options = UrlOptions()
     seen: set[str] = set()
     for item in query.split("&"):
         name, _, value = item.partition("=")
         if name not in allowed or name in seen:
             offer = f"allowed here, once each, are {', '.join(allowed)}" if allowed else "this kind of link takes none"
-            raise LinkError(f"link {text!r}: option {name!r} behind the ? is unknown or repeated; {offer}")
+            raise InputError(f"link {text!r}: option {name!r} behind the ? is unknown or repeated; {offer}")
         seen.add(name)
         if name in ("steer", "orders"):
             if value not in ("yes", "no"):
-                raise LinkError(f"link {text!r}: {name} is {value!r}; write {name}=yes or {name}=no")
+                raise InputError(f"link {text!r}: {name} is {value!r}; write {name}=yes or {name}=no")
             is_wanted = value == "yes"
             options = options._replace(steers=is_wanted) if name == "steer" else options._replace(orders=is_wanted)
         elif name == "talker":
             if not (len(value) == 2 and value.isascii() and value.isalpha() and value.isupper()):
-                raise LinkError(f"link {text!r}: talker is {value!r}; write two capital letters, such as talker=II")
+                raise InputError(f"link {text!r}: talker is {value!r}; write two capital letters, such as talker=II")
             options = options._replace(talker=value)
         elif name == "allow":
             options = options._replace(allow=tuple(_network(text, item) for item in value.split(",")))
@@ -313,7 +314,7 @@ def _network(text: str, value: str) -> Network:
     try:
         return network_of(value)
     except ValueError as error:
-        raise LinkError(
+        raise InputError(
             f"link {text!r}: {value!r} is no network ({error}); write addresses or networks, such as "
             "allow=192.168.1.20,10.0.0.0/24"
         ) from None
@@ -325,7 +326,7 @@ def _forward_rates(text: str, value: str) -> tuple[tuple[str, float], ...]:
         name, _, digits = item.partition(":")
         rate = _plain_number(digits)
         if not name or name in rates or not (rate == 0.0 or FORWARD_RATE_MIN <= rate <= FORWARD_RATE_MAX):
-            raise LinkError(
+            raise InputError(
                 f"link {text!r}: {item!r} is no message with its rate, or is named twice; write rate= and "
                 f"messages, each with 0 (never) or {FORWARD_RATE_MIN:g} to {FORWARD_RATE_MAX:g} Hz, such as "
                 "rate=ATTITUDE:2,others:1"
@@ -338,7 +339,7 @@ def _source(text: str, value: str) -> tuple[int, int]:
     system, colon, component = value.partition(":")
     ids = [int(digits) if _plain_number(digits) <= 255.0 and digits.isdigit() else 0 for digits in (system, component)]
     if not ids[0] or (colon and not ids[1]):
-        raise LinkError(
+        raise InputError(
             f"link {text!r}: {value!r} is no sender; write system ids, with a component id or without, from 1 to 255, "
             "such as from=1:191,2"
         )
@@ -356,7 +357,7 @@ def _sends(text: str, value: str) -> tuple[tuple[str, float], ...]:
     for item in value.split(","):
         name, colon, rate = item.partition(":")
         if name not in SENTENCES or name in sends:
-            raise LinkError(
+            raise InputError(
                 f"link {text!r}: sentence {name!r} cannot be sent or is named twice; "
                 f"write send= and some of {', '.join(SENTENCES)}, each with its rate in Hz, such as send=HDT:5,RSA:2"
             )
@@ -367,7 +368,7 @@ def _sends(text: str, value: str) -> tuple[tuple[str, float], ...]:
 def _rate(text: str, name: str, digits: str) -> float:
     rate = _plain_number(digits)
     if not RATE_MIN <= rate <= RATE_MAX:
-        raise LinkError(
+        raise InputError(
             f"link {text!r}: the rate {digits!r} of {name} is not a number from {RATE_MIN:g} to {RATE_MAX:g} (Hz)"
         )
     return rate
@@ -376,9 +377,9 @@ def _rate(text: str, name: str, digits: str) -> float:
 def _bus(written: Written) -> Place:
     """Return python-can's interface and channel."""
     if not written.behind or any(c.isspace() for c in written.before + written.behind):
-        raise LinkError(f"link {written.text!r}: incomplete; write it like {written.example}")
+        raise InputError(f"link {written.text!r}: incomplete; write it like {written.example}")
     if ":" in written.before:
-        raise LinkError(
+        raise InputError(
             f"link {written.text!r}: {written.before.partition(':')[0]!r} is no kind of NMEA 2000 gateway; write it "
             f"like n2k:ydwg-tcp:HOST:PORT, n2k:actisense:/dev/ttyUSB0, or {written.example} for a CAN bus"
         )
@@ -386,7 +387,7 @@ def _bus(written: Written) -> Place:
 
 
 def _refuse(link: LinkUrl, accepts: Accepts, allows: Allows) -> Transport:
-    raise LinkError(f"link {link.text!r}: a CAN bus is no stream of bytes; use it with autopilot run")
+    raise InputError(f"link {link.text!r}: a CAN bus is no stream of bytes; use it with autopilot run")
 
 
 MEDIA = (Medium("can", (Scheme("n2k", "n2k", "n2k:socketcan:can0"),), _bus, _refuse),)
