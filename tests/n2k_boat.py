@@ -78,6 +78,8 @@ OF_FRAMES: dict[str, Callable[[Sent, int, bytes], str]] = {
     "canboat frames": lambda m, i, d: _canboat(m, d, "%Y-%m-%d-%H:%M:%S.%f", ""),
     "canboat ISO frames": lambda m, i, d: _canboat(m, d, "%Y-%m-%dT%H:%M:%S.%f", "Z"),
     "candump -L": lambda m, i, d: f"({EPOCH + m.time:.6f}) can0 {i:08X}#{d.hex().upper()}",
+    "candump -L, FD": lambda m, i, d: f"({EPOCH + m.time:.6f}) can0 {i:08X}##1{d.hex().upper()}",
+    "candump -ta -c": lambda m, i, d: f"\x1b[32m ({EPOCH + m.time:.6f})  can0  {i:08X}   {_human(d)}\x1b[0m",
     "candump -ta": lambda m, i, d: f" ({EPOCH + m.time:.6f})  can0  {i:08X}   {_human(d)}",
     "candump -tA": lambda m, i, d: (
         f" ({datetime.fromtimestamp(EPOCH + m.time, UTC):%Y-%m-%d %H:%M:%S.%f})  can0  {i:08X}   {_human(d)}"
@@ -95,12 +97,16 @@ OF_MESSAGES: dict[str, Callable[[Sent, bytes], str]] = {
     "iKonvert": lambda m, d: (
         f"!PDGY,{m.group},2,{m.source},255,{500 + int(m.time)}.{round(1000 * (m.time % 1.0))},{b64encode(d).decode()}"
     ),
+    "iKonvert, no padding": lambda m, d: (
+        f"!PDGY,{m.group},2,{m.source},255,{int(m.time)}.{round(1000 * (m.time % 1.0))},"
+        f"{b64encode(d).decode().rstrip('=')}"
+    ),
     "Actisense": lambda m, d: (
         f"A{_stamp(m.time, '%H:%M:%S.%f').replace(':', '')} {m.source:02X}FF2 {m.group:05X} {d.hex().upper()}"
     ),
 }
 """A line for each message, fast packets put together, of message and payload."""
-UNDATED = ("Yacht Devices", "Actisense", "iKonvert")
+UNDATED = ("Yacht Devices", "Actisense", "iKonvert", "iKonvert, no padding")
 
 
 def lines(messages: Iterator[Sent], form: str) -> list[str]:

@@ -220,6 +220,11 @@ BAD_SHARE = 0.2
 LINE_S = 1.0e-3
 """What a line of a log without stamps is taken to last while fast packets are put together."""
 
+SINCE_LINE_BEFORE = (
+    "its time stamps go back and forth: they tell how long after the line before each line came (candump -td); record "
+    "with candump -L."
+)
+
 PAIR = "[0-9A-Fa-f]{2}"
 IN_BRACKETS = r"\((?P<stamp>[^()]{1,40})\)\s+"
 IDENTIFIER = "(?P<id>[0-9A-Fa-f]{3,8})"
@@ -227,7 +232,7 @@ SPACED = rf"(?P<data>(?:\s+{PAIR})*)"
 FORMS = {
     "canboat log": r"(?P<stamp>\d{4}-\d\d-\d\d[-T ]\d\d:\d\d:\d\d(?:[.,]\d{1,9})?Z?),\d{1,2},(?P<group>\d{1,6}),"
     rf"(?P<source>\d{{1,3}}),\d{{1,3}},(?P<length>\d{{1,4}}),(?P<data>{PAIR}(?:,{PAIR})*),?",
-    "candump log": rf"{IN_BRACKETS}\S{{1,32}}\s+{IDENTIFIER}#(?P<data>(?:{PAIR})*|R\d?)(?:\s+[RT])?",
+    "candump log": rf"{IN_BRACKETS}\S{{1,32}}\s+{IDENTIFIER}#(?:#[0-9A-Fa-f])?(?P<data>(?:{PAIR})*|R\d?)(?:\s+[RT])?",
     "candump": rf"(?:(?:{IN_BRACKETS})?[A-Za-z]\S{{0,31}}\s+(?:[RT]X\s+\S\s+\S\s+)?{IDENTIFIER}"
     rf"|<0x(?P<bare>[0-9A-Fa-f]{{3,8}})>)\s+\[\d{{1,2}}\]{SPACED}(?:\s+(?:'.*'|remote request|ERRORFRAME))?",
     "Yacht Devices RAW log": rf"(?P<stamp>\d\d:\d\d:\d\d\.\d{{1,6}})\s+[RT]\s+{IDENTIFIER}{SPACED}",
@@ -238,6 +243,8 @@ FORMS = {
 }
 """What a line has to be as a whole, by what such a log is called."""
 PATTERNS = {name: re.compile(form, re.ASCII) for name, form in FORMS.items()}
+COLOURS = re.compile(r"\x1b\[[0-9;]{0,9}m")
+"""What `candump -c` colours a line with."""
 SERVER = re.compile(r"(\d{13});[^;]{1,40};")
 ACTISENSE = re.compile(r"(\d\d)(\d\d)(\d\d\.\d+)")
 
@@ -291,6 +298,8 @@ def read_n2k(path: str, data: bytes, variation: float | None = None, progress: P
     if lines.are_stamped:
         stamps = np.asarray(lines.stamps)
         kept = np.isfinite(stamps)
+        if np.count_nonzero(np.diff(stamps[kept]) < 0.0) > BAD_SHARE * frames and stamps[kept].max() < EPOCH_FROM:
+            raise InputError(f"{path}: {SINCE_LINE_BEFORE}")
         kept[kept] = without_outliers(stamps[kept])
         if (sound := int(np.count_nonzero(kept))) < (1.0 - BAD_SHARE) * frames:
             raise InputError(f"{path}: {frames - sound} of {frames} time stamps are no times.")
@@ -319,7 +328,7 @@ def lines_of(data: bytes, progress: Progress = silent) -> Lines:
     frames, places, stamps, are_of_day = Undecoded.none(), array("q"), array("d"), array("b")
     bad, are_stamped = 0, False
     for place, raw in enumerate(lines_in(data, progress)):
-        line = raw[: LINE_MOST + 1].decode("ascii", "replace").strip()
+        line = COLOURS.sub("", raw[: LINE_MOST + 1].decode("ascii", "replace")).strip()
         if not line or line.startswith(("#", "$PDGY,")):
             continue
         stamp = ""
@@ -370,7 +379,8 @@ def _frame(stamp: str, parts: dict[str, str | None]) -> Frame | None:
         return Frame(stamp, 0, 0, b"")
     try:
         packed = parts.get("base64")
-        data = bytes.fromhex(text.replace(",", "")) if packed is None else binascii.a2b_base64(packed, strict_mode=True)
+        padded = None if packed is None else packed.rstrip("=") + "=" * (-len(packed.rstrip("=")) % 4)
+        data = bytes.fromhex(text.replace(",", "")) if padded is None else binascii.a2b_base64(padded, strict_mode=True)
     except binascii.Error:
         return None
     if (length := parts.get("length")) is not None and int(length) != len(data):

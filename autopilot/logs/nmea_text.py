@@ -1,9 +1,9 @@
 """NMEA 0183 sentences in a text file, with or without time stamps: heading, yaw rate, rudder, speed, position, wind.
 
-Sentences mean what they mean on a line (`autopilot.links.nmea.samples`); MWV gives the apparent wind and RPM the
-propeller.
+Sentences mean what they mean on a line (`autopilot.links.nmea.samples`); RPM gives the propeller.
 
-Without time stamps (`autopilot.logs.series`) the UTC in RMC, GGA, GLL and ZDA marks the times.
+Without time stamps (`autopilot.logs.series`) the UTC in RMC, GGA, GLL and ZDA marks the times. Stamps of whole seconds
+mark them where sentences of one type come several a second.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import re
 from array import array
+from collections import Counter
 from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
@@ -20,18 +21,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.links.nmea.samples import NmeaReader
-from autopilot.links.nmea.sentences import (
-    KMH_M_S,
-    KNOT_M_S,
-    SPEED_LIMIT,
-    NmeaFramer,
-    NoDataError,
-    Sentence,
-    angle,
-    letter,
-    number,
-    status,
-)
+from autopilot.links.nmea.sentences import NmeaFramer, NoDataError, Sentence, letter, number, status
 from autopilot.logs.series import (
     EPOCH_FROM,
     HEADING,
@@ -56,6 +46,7 @@ from autopilot.logs.series import (
     spread,
     stamp_of,
 )
+from autopilot.signals import WindSample
 
 UTC_FIELD = {"RMC": 0, "GGA": 0, "GLL": 4, "ZDA": 0}
 
@@ -91,13 +82,14 @@ def date_of(sentence: Sentence) -> float | None:
         return None
 
 
-WIND_UNITS = {"N": KNOT_M_S, "M": 1.0, "K": KMH_M_S}
 RPM_LIMIT = 100_000.0
 _PASHR = re.compile(rb"\$(PASHR,([^*]{0,80}))\*([0-9A-Fa-f]{2})")
 """Attitude of a satellite compass: time, heading, T, roll, pitch, ... behind the commas."""
 XDR_ROLLS = (("A", "D", "ROLL"), ("A", "D", "HEEL"))
 """Kind, unit and name of a transducer that measures roll [deg]."""
 BAD_SHARE = 0.2
+SEVERAL = 1.5
+"""More sentences of one type than so many a second are not said once a second."""
 THROUGH_WATER = "VHW"
 LOOK_AT = 65536
 
@@ -115,7 +107,7 @@ class Lines(NamedTuple):
     is_of_day: bool
     marks: list[tuple[float, float]]
     day: float | None
-    types: set[str]
+    types: Counter[str]
 
 
 def is_nmea_text(data: bytes) -> bool:
@@ -148,7 +140,7 @@ def _lines(data: bytes, progress: Progress = silent) -> tuple[Lines, int]:
     """Return the sentences, and how many lines had a sentence that was wrong."""
     places, stamps = array("q"), array("d")
     marks: list[tuple[float, float]] = []
-    types: set[str] = set()
+    types = Counter[str]()
     day: float | None = None
     bad, place, of_day = 0, 0, 0
     is_torn = False
@@ -168,7 +160,7 @@ def _lines(data: bytes, progress: Progress = silent) -> tuple[Lines, int]:
                 of_day += stamp is not None and stamp[1]
                 places.append(place + start)
                 stamps.append(math.nan if stamp is None else stamp[0])
-                types.add(sentence.type)
+                types[sentence.type] += 1
                 if (utc := utc_of(sentence)) is not None:
                     marks.append((place + start, utc))
                 day = date_of(sentence) if day is None else day
@@ -191,8 +183,13 @@ def _times(path: str, lines: Lines) -> tuple[FloatArray, float | None, list[str]
     stamps = np.array(lines.stamps)
     count = int(np.count_nonzero(np.isfinite(stamps)))
     if 0 < count == stamps.size:
-        time = counted_on(path, stamps, lines.is_of_day, "sentence")
-        return time, lines.day if lines.is_of_day else 0.0 if time[-1] > EPOCH_FROM else None, []
+        time, notes = counted_on(path, stamps, lines.is_of_day, "sentence"), []
+        seconds = np.unique(time)
+        if np.all(seconds % 1.0 == 0.0) and max(lines.types.values()) > SEVERAL * seconds.size:
+            finer = spread(np.array(lines.places), list(zip(lines.places, stamps, strict=True)))
+            time = time if finer is None else finer
+            notes.append(f"{path}: its time stamps are whole seconds; times are spread between them.")
+        return time, lines.day if lines.is_of_day else 0.0 if time[-1] > EPOCH_FROM else None, notes
     spread_out = spread(np.array(lines.places), lines.marks)
     if spread_out is None:
         raise InputError(
@@ -207,7 +204,7 @@ def _series(
 ) -> tuple[list[Series], list[str]]:
     found = _values(data, lines, time, variation)
     notes = []
-    if not any(quantity == HEADING for quantity, _ in found) and not lines.types.isdisjoint(("HDG", "HDM")):
+    if not any(quantity == HEADING for quantity, _ in found) and not lines.types.keys().isdisjoint(("HDG", "HDM")):
         found = _values(data, lines, time, 0.0)
         notes.append(f"{path}: the variation is not known; headings are magnetic, which does for the identification.")
     ordered = sorted(found.items(), key=lambda item: item[0][0] == SPEED and not item[0][1].endswith(THROUGH_WATER))
@@ -224,21 +221,20 @@ def _values(data: bytes, lines: Lines, time: FloatArray, variation: float | None
         pairs = _around(sentence)
         sample = reader.read(float(when), sentence)
         for one in (sample, *reader.take_others()):
-            pairs += [] if one is None else quantities_of(one)
+            if isinstance(one, WindSample):
+                pairs += [(WIND_SPEED, one.speed), (WIND_DIRECTION, one.angle)]
+            elif one is not None:
+                pairs += quantities_of(one)
         for quantity, value in pairs:
             found.put((quantity, source), when, value)
     return found
 
 
 def _around(sentence: Sentence) -> list[tuple[str, float]]:
-    """Return the apparent wind of MWV (angle, R, speed, unit, A), a shaft's RPM (S, number, rpm, pitch, A), the roll of
-    XDR (A, value, D, name; any number of them) or PASHR (time, heading, T, roll, ...)."""
+    """Return a shaft's RPM (S, number, rpm, pitch, A), the roll of XDR (A, value, D, name; any number of them) or PASHR
+    (time, heading, T, roll, ...)."""
     fields = sentence.fields
     try:
-        if sentence.type == "MWV" and fields[1:2] == ("R",):
-            status(fields, 4)
-            speed = number(fields, 2, 0.0, SPEED_LIMIT) * WIND_UNITS[fields[3]]
-            return [(WIND_SPEED, speed), (WIND_DIRECTION, math.remainder(angle(fields, 0), math.tau))]
         if sentence.type == "RPM":
             letter(fields, 0, "S")
             status(fields, 4)

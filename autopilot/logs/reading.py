@@ -87,11 +87,16 @@ def _is_rosbag(data: bytes) -> bool:
     return head.startswith(b"sqlite format 3\0") and b"create table topics" in head and b"create table messages" in head
 
 
+def _is_frames_database(data: bytes) -> bool:
+    return data.startswith(b"SQLite format 3\0") and b"arbitration_id" in data[:FARTHER]
+
+
 PCAP = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"M<\xb2\xa1", b"\xa1\xb2<M")
 BINARY = (
     Kind("a packet capture (.pcap)", RECORD, _begins(*PCAP)),
     Kind("a packet capture (.pcapng)", RECORD, _begins(b"\n\r\r\n")),
     Kind("a ROS 2 bag (.db3)", TABLE, _is_rosbag),
+    Kind("python-can's database of frames", FRAMES, _is_frames_database),
     Kind("an SQLite database", TABLE, _begins(b"SQLite format 3\0")),
     Kind("a ROS 1 bag (.bag)", TABLE, _begins(b"#ROSBAG V")),
     Kind("a Vector CAN log (.blf)", FRAMES, _begins(b"LOGG")),
@@ -128,6 +133,11 @@ TEXT = (
     Kind("SavvyCAN's CSV of frames", "save the frames as candump's text", _matches(rb"Time Stamp,ID,Extended,")),
     Kind("a PCAN trace (.trc)", FRAMES, _matches(rb";\$FILEVERSION=")),
     Kind("a Vector CAN log (.asc)", FRAMES, _matches(rb"date [^\n]{1,80}\n\s*base\s+(?:hex|dec)")),
+    Kind("what a serial CAN adapter sends (slcan)", RECORD, _matches(rb"T[0-9A-F]{8}[0-8](?:[0-9A-F]{2}){0,10}\s")),
+    Kind("a text of messages for an iKonvert, without times", RECORD, _matches(rb"!PDGY,\d+,\d+,[A-Za-z0-9+/=]+\s")),
+    Kind("a text of frames without times", RECORD, _matches(rb"[01][0-9A-F]{7}(?: [0-9A-F]{2}){1,8}\s")),
+    Kind("a glider's track (.igc)", NO_RUDDER, _matches(rb"A[^\n]{3,80}\r?\nHFDTE")),
+    Kind("InfluxDB's line protocol", TABLE, _matches(rb"[\w.]+(?:,[\w.]+=[^ ,\n]+)* [\w.]+=[^ \n]+ \d{16,19}\s")),
     Kind("a MOOS log (.alog)", TABLE, _matches(rb"%%[^\n]*\n?%% LOG FILE|%% LOG FILE")),
     Kind("an OpenCPN log without NMEA 0183", RECORD, _lines(rb"received_at,protocol,")),
     Kind("NMEA 2000 inside NMEA 0183 ($PCDIN, $MXPGN)", CANBOAT, _lines(rb"\$(?:PCDIN|MXPGN),")),

@@ -232,6 +232,19 @@ def test_damaged_lines_are_left_out_and_counted_up_to_a_fifth() -> None:
         read_n2k("boat.log", "\n".join([*text, *["?"] * len(text)]).encode())
 
 
+def test_stamps_since_the_line_before_are_refused_with_what_to_do() -> None:
+    """`candump -td`: of another bus's lines between them nothing is kept, so that they cannot be added up."""
+    text, before = [], 0.0
+    for each in SENT:
+        for identity, data in each.frames():
+            text.append(
+                f" ({each.time - before:010.6f})  can0  {identity:08X}   [{len(data)}]  {data.hex(' ').upper()}"
+            )
+            before = each.time
+    with pytest.raises(InputError, match=r"candump -td.*record with candump -L"):
+        read_n2k("boat.log", "\n".join(text).encode())
+
+
 def test_a_log_without_anything_that_is_read_is_refused() -> None:
     with pytest.raises(InputError, match=r"boat.log: is a candump log without any of the messages that are read"):
         read([each for each in SENT if each.group == 126993])

@@ -186,6 +186,39 @@ def test_sentences_with_time_stamps_read_as_sailed(tmp_path: Path, form: str) ->
     assert (model.gain, model.time_constant) == pytest.approx((0.2, 5.0), rel=0.02)
 
 
+def test_stamps_of_whole_seconds_mark_times_that_lie_between(tmp_path: Path) -> None:
+    """Ten headings a second became one, half a second late, without a word."""
+    text = "\n".join(f"\\s:gps,c:{int(EPOCH + t)}*00\\{s}" for t, s in sentences(BOAT))
+    path = written(tmp_path, text, "boat.txt")
+    recording = read_recording(path)
+    assert recording.notes == (f"{path}: its time stamps are whole seconds; times are spread between them.",)
+    for quantity, truth in ((HEADING, BOAT.heading), (RATE, BOAT.rate), (RUDDER, BOAT.rudder)):
+        series = recording.of(quantity)[0]
+        assert series.time.size > 890
+        values = np.unwrap(series.values) if quantity == HEADING else series.values
+        apart = values - np.interp(series.time, BOAT.time, truth)
+        assert np.sqrt(np.mean(apart**2)) < math.radians(0.5)
+
+
+def test_sentences_once_a_second_stay_at_their_stamps(tmp_path: Path) -> None:
+    bows = [(t, f"HEHDT,{60.0 + t:.1f},T") for t in range(40)]
+    both = [f"{EPOCH + t:.0f} {sentence(body)}" for t, heading in bows for body in (heading, "IIRSA,5.0,A,,V")]
+    recording = read_recording(written(tmp_path, "\n".join(both), "boat.txt"))
+    assert recording.notes == ()
+    for quantity in (HEADING, RUDDER):
+        np.testing.assert_array_equal(recording.of(quantity)[0].time % 1.0, 0.0)
+
+
+@pytest.mark.parametrize(("body", "angle", "speed"), [
+    ("IIVWR,45.0,L,9.7,N,5.0,M,18.0,K", -45.0, 4.99), ("IIVWR,120.5,R,,,5.0,M,,", 120.5, 5.0),
+])  # fmt: skip
+def test_the_wind_of_older_instruments_is_read(tmp_path: Path, body: str, angle: float, speed: float) -> None:
+    said = [f"{t:.1f} {sentence(each)}" for t in range(1, 40) for each in ("HEHDT,60.0,T", body)]
+    recording = read_recording(written(tmp_path, "\n".join(said), "boat.txt"))
+    assert recording.of(WIND_SPEED)[0].values == pytest.approx(speed, abs=0.01)
+    assert recording.of(WIND_DIRECTION)[0].values == pytest.approx(math.radians(angle))
+
+
 @pytest.mark.parametrize("before", ["from start", "seconds of 1970"])
 def test_sentences_whose_stamps_jump_are_read_in_two_stretches(tmp_path: Path, before: str) -> None:
     """A logger without a clock of its own, until the network tells it the time."""

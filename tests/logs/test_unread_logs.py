@@ -65,6 +65,17 @@ FILES: dict[str, tuple[bytes | str, str]] = {
     ),
     "seasmart.txt": ("$PCDIN,01F112,0000180C,FF,01983AC800F401FD*27\n", "NMEA 2000 inside NMEA 0183 ($PCDIN, $MXPGN)"),
     "analysed.txt": ("2020-03-04T00:29:58.626 3  19 255 127251 Rate of Turn:  SID = 0;\n", "canboat's text for people"),
+    "slcan.txt": (
+        "T09F112238001027FF7FFF7FFC\rT09F113238FFFC0000FFFFFFFF\r",
+        "what a serial CAN adapter sends (slcan)",
+    ),
+    "pdgy.txt": ("!PDGY,127250,255,ABAn/3//f/w=\n" * 3, "a text of messages for an iKonvert, without times"),
+    "yd.txt": ("09f11223 00 10 27 ff 7f ff 7f fc\n" * 3, "a text of frames without times"),
+    "a.igc": ("AXXX001\r\nHFDTE141126\r\nB1106405741400N01150400EA0001200012\r\n", "a glider's track (.igc)"),
+    "influx.txt": (
+        "navigation.headingTrue,context=self value=1.00000 1795000000000000000\n" * 2,
+        "InfluxDB's line protocol",
+    ),
     "payloads.txt": ('{"pgn":60928,"payload":[147,19,6,0]}\n', "JSON, but no messages of canboat's"),
     "ais.txt": ("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C\n" * 3, "a log of AIS reports"),
     "sk.log": ('1700000000123;I;{"context":"vessels.self","updates":[{"values":[]}]}\n', "a Signal K log"),
@@ -96,7 +107,11 @@ def test_a_file_of_a_known_kind_is_named_and_no_broken_table(tmp_path: Path, nam
 
 def test_files_that_other_programs_write_are_named(tmp_path: Path) -> None:
     """SQLite, zip and Parquet as their own writers make them; a ROS 2 bag is a database with its two tables."""
-    bag, other, sheet, zipped, table = (tmp_path / name for name in ("a.db3", "a.db", "a.xlsx", "a.zip", "a.parquet"))
+    names = ("a.db3", "a.db", "a.xlsx", "a.zip", "a.parquet", "can.db")
+    bag, other, sheet, zipped, table, frames = (tmp_path / name for name in names)
+    can = pytest.importorskip("can", reason="python-can is not installed (extra n2k)")
+    with can.SqliteWriter(str(frames)) as log:
+        log.on_message_received(can.Message(arbitration_id=0x09F11223, data=bytes(8)))
     with sqlite3.connect(bag) as base:
         base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT)")
         base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
@@ -111,6 +126,7 @@ def test_files_that_other_programs_write_are_named(tmp_path: Path) -> None:
     expected = {
         bag: "a ROS 2 bag",
         other: "an SQLite database",
+        frames: "python-can's database of frames",
         sheet: "a spreadsheet",
         zipped: "packed (zip); unpack it",
     }

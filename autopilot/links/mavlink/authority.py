@@ -79,7 +79,7 @@ TWINS = (
     "own (MAV_SYSID or SYSID_THISMAV; MAV_SYS_ID of a PX4), or switch one off"
 )
 TWINS_LAST_S, SAME_START_S, STARTS_KEPT = 30.0, 1.0, 8
-"""So long [s] after they were last told apart two vehicles are said; what began within so much [s] is one; so many
+"""So long [s] after two vehicles were seen last they are said; what began within so much [s] is one; so many
 beginnings are kept."""
 HEARTBEAT_S = 1.0
 SILENCE_S = 3.0
