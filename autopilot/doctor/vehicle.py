@@ -176,12 +176,15 @@ def _thrusters(parameters: VehicleParameters, vessel: Vessel) -> Finding:
 
 
 SLOW_HZ = 4.0
+LEAST_JUDGED = 3
+"""Headings at the rate asked for that show a gap and another one; with fewer all of them count."""
 PACE_S = 0.05
 
 
 class Received(NamedTuple):
     """When headings arrived [s] and how old they were [s], by their sources; the last word on the helm, and alarms;
-    whether a rate of turn came with the headings or by itself, by its sources."""
+    whether a rate of turn came with the headings or by itself, by its sources; how many headings came before the
+    vehicle had them at the rate asked for."""
 
     arrivals: dict[str, list[float]]
     ages: dict[str, list[float]]
@@ -189,16 +192,19 @@ class Received(NamedTuple):
     alarms: dict[str, AlarmEvent | None]
     seconds: float
     turning: dict[str, bool]
+    early: dict[str, int]
 
 
 def listen(links: Sequence[Link], clock: Clock, seconds: float) -> Received:
     """Listen for so long. Raises LinkError where a link is lost."""
-    received = Received(defaultdict(list), defaultdict(list), {}, {}, seconds, {})
+    received = Received(defaultdict(list), defaultdict(list), {}, {}, seconds, {}, {})
     end = clock.now() + seconds
     while (now := clock.now()) < end:
         for link in links:
             for sample in link.receive(now):
                 _take(received, now, sample)
+                if isinstance(sample, HeadingSample) and isinstance(link, CompanionLink) and link.session.awaits_rate:
+                    received.early[sample.source] = len(received.arrivals[sample.source])
             link.poll(now)
         clock.wait([fd for fd in (link.fileno() for link in links) if fd >= 0], min(end, now + PACE_S))
     return received
@@ -238,7 +244,9 @@ def judged(received: Received, timeout: float, came: Callable[[], str] = nothing
 
 
 def _heading(source: str, received: Received, timeout: float) -> Finding:
-    arrivals = received.arrivals[source]
+    # a vehicle that was never asked sends one a second, and is not to be judged by that
+    asked = received.arrivals[source][received.early.get(source, 0) :]
+    arrivals = asked if len(asked) >= LEAST_JUDGED else received.arrivals[source]
     gaps = [later - sooner for sooner, later in itertools.pairwise(arrivals)]
     if not gaps:
         cure = "check the compass and its wiring"

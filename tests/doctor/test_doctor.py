@@ -160,6 +160,22 @@ def test_a_vehicle_that_is_well() -> None:
     assert not run.firmware.overrides.active(run.now + 1.0, 3.0)
 
 
+class DeafAtFirst(BadLine):
+    """Nothing gets through in the first seconds, as before the vehicle's first heartbeat."""
+
+    def put(self, now: float, data: bytes) -> None:
+        if now > 1.5:
+            super().put(now, data)
+
+
+def test_headings_before_the_vehicle_was_asked_are_not_judged() -> None:
+    run = Lockstep(VESSEL, parameters={"SR0_EXTRA1": 1.0}, lines=(DeafAtFirst(), BadLine()))
+    findings = examine(lambda: [run.link], Listening(run), 8.0, VESSEL.failsafe.heading_timeout_s)
+    (heading,) = [finding for finding in findings if finding.name.startswith("heading")]
+    assert heading.verdict is Verdict.GO, heading
+    assert heading.figures["longest_gap_ms"] < 300.0
+
+
 def test_a_line_that_loses_nearly_all_is_no_go() -> None:
     findings, _ = listened(BadLine(seed=1, loss=0.985), 60.0)
     assert worst(findings) is Verdict.NO_GO
@@ -172,7 +188,7 @@ def test_a_silent_line_is_no_go() -> None:
 
 def test_a_helm_that_is_refused_is_no_go_with_its_reason() -> None:
     received = Received(
-        {"a": [0.1 * n for n in range(50)]}, {"a": [0.01] * 50}, {"a": "the vehicle is not armed"}, {}, 5.0, {}
+        {"a": [0.1 * n for n in range(50)]}, {"a": [0.01] * 50}, {"a": "the vehicle is not armed"}, {}, 5.0, {}, {}
     )
     helm = judged(received, 1.0)[1]
     assert (helm.verdict, helm.found) == (Verdict.NO_GO, "a: the vehicle is not armed")
@@ -267,18 +283,18 @@ def test_with_the_shipped_parameters_only_the_way_to_take_over_is_left_to_choose
 def test_uneven_headings_are_reported_by_their_gaps() -> None:
     chance = random.Random(7)
     times = [0.1 * n + chance.uniform(0.0, 0.02) for n in range(100)]
-    even = judged(Received({"a": times}, {"a": [0.0] * 100}, {}, {}, 10.0, {}), 1.0)[0]
+    even = judged(Received({"a": times}, {"a": [0.0] * 100}, {}, {}, 10.0, {}, {}), 1.0)[0]
     assert even.verdict is Verdict.GO
     assert 1.0 < even.figures["jitter_ms"] < 21.0
-    assert judged(Received({"a": [*times, 10.7]}, {"a": [0.0]}, {}, {}, 10.0, {}), 1.0)[0].verdict is Verdict.WARN
-    assert judged(Received({"a": [*times, 11.2]}, {"a": [0.0]}, {}, {}, 10.0, {}), 1.0)[0].verdict is Verdict.NO_GO
-    slow = judged(Received({"a": [0.0, 0.4, 0.8]}, {"a": [0.0]}, {}, {}, 10.0, {}), 1.0)[0]
+    assert judged(Received({"a": [*times, 10.7]}, {"a": [0.0]}, {}, {}, 10.0, {}, {}), 1.0)[0].verdict is Verdict.WARN
+    assert judged(Received({"a": [*times, 11.2]}, {"a": [0.0]}, {}, {}, 10.0, {}, {}), 1.0)[0].verdict is Verdict.NO_GO
+    slow = judged(Received({"a": [0.0, 0.4, 0.8]}, {"a": [0.0]}, {}, {}, 10.0, {}, {}), 1.0)[0]
     assert slow.verdict is Verdict.WARN
 
 
 def test_a_gyro_is_there_as_the_gains_were_designed_for_it_or_a_warning_says_what_to_do() -> None:
     alone = replace(VESSEL, sensors=replace(VESSEL.sensors, gyro=False))
-    compass = Received({"HCHDT": [0.0, 0.1]}, {"HCHDT": [0.0]}, {}, {}, 10.0, {})
+    compass = Received({"HCHDT": [0.0, 0.1]}, {"HCHDT": [0.0]}, {}, {}, 10.0, {}, {})
     turning = compass._replace(turning={"TIROT": True})
     assert gyro_findings(turning, VESSEL) == gyro_findings(compass, alone) == []
     (missing,), (unused,) = gyro_findings(compass, VESSEL), gyro_findings(turning, alone)

@@ -159,6 +159,11 @@ class CompanionSession:
         return self._reader.parameters
 
     @property
+    def awaits_rate(self) -> bool:
+        """Whether it is still open if the vehicle sends headings at the rate asked for."""
+        return self._reader.streams.is_open
+
+    @property
     def bad_packets(self) -> int:
         """Runs of received bytes that were no valid MAVLink."""
         return self._codec.bad

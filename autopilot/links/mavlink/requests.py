@@ -74,6 +74,11 @@ class MessageStreams:
         """
         return self._too_slow if self._settled else WAITING
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the first stream has neither come at its rate yet nor stayed too slow."""
+        return not self._settled
+
     def reset(self) -> None:
         """Ask for everything anew, as after a reboot."""
         self.slow: AlarmEvent | None = None
