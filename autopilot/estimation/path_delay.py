@@ -6,7 +6,8 @@ delays d_i, from 0 to the most that a line may have,
     J_i = sum of w (e(t) - u(t - d_i))^2,   w fading with every echo that moved,
 
 is least where d_i is the path's delay, and a parabola through the least and its neighbours gives d between them. Of the
-noise s^2 = J/W, W the sum of w, and the curvature J'' the variance of d is 2 s^2/J''. Only an echo that has moved tells
+noise s^2 = J/(W - 1), W the sum of w, and the curvature J'' the variance of d is 2 s^2/J''. Few echoes fit more than
+one delay: d counts once all but its neighbours are a thousand times less likely. Only an echo that has moved tells
 anything, and only then anything is computed. Noise is no less than the echo's grain, and where the best delay leaves
 much of what the orders did unexplained, as where somebody else moves the rudder too, nothing is believed. A delay that
 changes from order to order leaves its mean.
@@ -57,6 +58,7 @@ from autopilot.estimation.tuning import (
     PATH_PART,
     PATH_QUICKEST,
     PATH_REACH,
+    PATH_RIVAL,
     PATH_SENSED,
     PATH_SLOWEST,
     PATH_STEP,
@@ -188,12 +190,16 @@ def delay_of(costs: tuple[float, ...], weight: float) -> float:
     """Return d [s] where it is certain, else nan."""
     least = min(costs)
     place = costs.index(least)
-    if place == PATH_GRID - 1 or least > PATH_EXPLAINS * max(costs):
+    if weight <= 1.0 or place == PATH_GRID - 1 or least > PATH_EXPLAINS * max(costs):
+        return math.nan
+    # d itself is fitted: one echo fits some delay of the grid whatever the line does
+    noise = least / (weight - 1.0) + PATH_GRAIN * PATH_GRAIN
+    rivals = costs[: max(place - 1, 0)] + costs[place + 2 :]
+    if min(rivals) - least < PATH_RIVAL * noise:
         return math.nan
     # a delay can be no less than nothing: to the left of it J rises as to the right
     before, after = costs[place - 1] if place else costs[1], costs[place + 1]
     bend = before - 2.0 * least + after
-    noise = least / weight + PATH_GRAIN * PATH_GRAIN
     if not 2.0 * noise * PATH_STEP * PATH_STEP < PATH_ERROR_MOST * PATH_ERROR_MOST * bend:
         return math.nan
     return PATH_STEP * (place + 0.5 * (before - after) / bend)

@@ -111,6 +111,10 @@ UNLEARNT_TIME = 2.0
 """What pushes the boat and is not learnt as bias is averaged over so many time constants; see `unlearnt_step`."""
 PATH_EXPLAINS = 0.3
 """The best delay must leave less than this share of what the worst leaves."""
+PATH_RIVAL = 2.0 * math.log(1000.0)
+"""The least J of a delay that is not beside the best exceeds the best's by so many times the noise, of normal errors
+where it is a thousand times less likely. Derived; with 100 or 10,000 times the delay is known at most 0.1 s sooner or
+later."""
 PATH_ERROR_MOST = 0.02
 """A delay is certain where its standard error is less [s]."""
 PATH_LATER, PATH_FOLLOWS = 0.05, 0.02

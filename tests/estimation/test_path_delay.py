@@ -70,6 +70,20 @@ def test_a_delay_as_filed_is_nothing_to_steer_by() -> None:
         assert learnt(lambda now, delay=delay: delay).late == 0.0
 
 
+@pytest.mark.parametrize("delay", [0.02, 0.3, 0.8])
+def test_the_first_echoes_that_fit_by_chance_are_no_delay(delay: float) -> None:
+    for seed in range(20261130, 20261170):
+        random = Random(seed)
+        parts = [(random.gauss(0.0, 1.0), random.uniform(0.3, 6.0), random.uniform(0.0, 6.28)) for _ in range(12)]
+
+        def moves(time: float, parts: list[tuple[float, float, float]] = parts) -> float:
+            return math.radians(2.3 * sum(high * math.sin(w * time + phase) for high, w, phase in parts))
+
+        for seconds in (1.4, 1.6, 1.8, 2.0, 2.5):
+            found = learnt(lambda now: delay, seconds=seconds, moves=moves).delay
+            assert math.isnan(found) or found == pytest.approx(delay, abs=0.1), (seed, seconds)
+
+
 def test_a_delay_that_changes_from_order_to_order_leaves_its_mean() -> None:
     random = Random(20261127)
     found = learnt(lambda now: 0.2 * random.random(), 50.0, 120.0)
