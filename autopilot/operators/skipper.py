@@ -50,6 +50,8 @@ HELP = (
     "e [DEG]: engage (present heading)  +10, -1: change heading  r DEG: hold a rudder angle  s: standby  "
     "a: silence alarms  q: quit"
 )
+WHOLE_WORDS = {"standby": "s", "stop": "s", "quit": "q", "exit": "q", "engage": "e", "help": "h"}
+"""In a hurry people type the word."""
 LEARN_HELP = "learn: what was learnt  adopt: steer with it  revert: take it back"
 FOLLOW_HELP = "f: follow the chart plotter"
 
@@ -220,7 +222,8 @@ class Skipper:
     def type_line(self, line: str) -> str:
         """Act on a typed line and return what to answer. Raises InputError."""
         word, _, rest = line.strip().partition(" ")
-        if word in ("", "?", "h", "help"):
+        word = WHOLE_WORDS.get(word.lower(), word.lower())
+        if word in ("", "?", "h"):
             return HELP
         if word == "q":
             self.quit = True
@@ -283,7 +286,9 @@ class Skipper:
         self._order = self._order._replace(heading=heading, is_led=False)
         self.plotter.leave()
         self._take_back()
-        return f"heading {compass_text(heading, 1)} deg"
+        has_lost = tick is not None and tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE, Mode.FAULT)
+        later = " once the pilot is engaged again; nothing is steered now" if has_lost else ""
+        return f"heading {compass_text(heading, 1)} deg{later}"
 
     def _type_overboard(self, rest: str) -> str:
         overboard, fix = self.mission.overboard, self.track.fix

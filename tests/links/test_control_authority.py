@@ -305,7 +305,7 @@ def test_a_stick_moved_by_more_than_150_microseconds_takes_the_helm(sign: int) -
     found.sticks([2], [0, 0, 1500 + sign * 170])
     assert not found.disobeyed
     found.sticks([2], [0, 0, 1500 + sign * 171])
-    assert found.reason(0.0, parameters(), 255) == "the stick on RC channel 2 was moved: the helm is yours"
+    assert found.reason(0.0, parameters(), 255) == "the stick on RC channel 2 was moved"
 
 
 def probe(may_share: bool = False) -> OverrideProbe:

@@ -132,6 +132,23 @@ def test_a_rudder_angle_is_held_and_standby_ends_it(skipper: Skipper) -> None:
     assert (skipper(0.0, None).kind, skipper(0.0, None).serial) == (OrderKind.STANDBY, 2)
 
 
+@pytest.mark.parametrize("mode", [Mode.OVERRIDE, Mode.FAILSAFE, Mode.FAULT])
+def test_a_step_while_nothing_is_steered_says_so(skipper: Skipper, mode: Mode) -> None:
+    skipper.type_line("e 80")
+    skipper(0.1, ticked(skipper(0.0, None)))
+    assert skipper.type_line("+20") == "heading 100.0 deg"
+    skipper(0.2, ticked(skipper(0.0, None), mode))
+    assert skipper.type_line("+20").endswith("nothing is steered now")
+
+
+@pytest.mark.parametrize("line", ["standby", "STANDBY", "stop", "S"])
+def test_the_word_for_standby_gives_the_rudder_back(skipper: Skipper, line: str) -> None:
+    skipper.type_line("Engage 90")
+    assert skipper(0.0, None).heading == pytest.approx(math.pi / 2.0)
+    assert skipper.type_line(line) == "standby: the rudder is yours"
+    assert skipper(0.0, None).kind is OrderKind.STANDBY
+
+
 def test_each_wish_to_engage_has_a_new_serial(skipper: Skipper) -> None:
     serials = []
     for line in ("e 10", "e 10", "e", "r 1", "e 20"):
@@ -140,9 +157,10 @@ def test_each_wish_to_engage_has_a_new_serial(skipper: Skipper) -> None:
     assert serials == [1, 2, 3, 4, 5]
 
 
-def test_quit_is_reported(skipper: Skipper) -> None:
+@pytest.mark.parametrize("line", ["q", "Q", "quit", "exit"])
+def test_quit_is_reported(skipper: Skipper, line: str) -> None:
     assert not skipper.quit
-    skipper.type_line("q")
+    skipper.type_line(line)
     assert skipper.quit
 
 
@@ -150,7 +168,7 @@ def test_quit_is_reported(skipper: Skipper) -> None:
     ("line", "named"),
     [
         ("x", "'x' is no command"),
-        ("engage 90", "'engage' is no command"),
+        ("steer 90", "'steer' is no command"),
         ("e north", "'north'"),
         ("e 361", "0 to 360"),
         ("e -1", "0 to 360"),

@@ -98,7 +98,7 @@ one of their tries to the next."""
 CONTEST_GAP_S, CONTEST_S = 2.5, 3.0
 """Strange reports no further apart, for so long, are somebody who steers too, at however small a share of the time: at
 nearly the reports' own rate their pulses hide behind ours for seconds. Another pilot's proof comes every four."""
-TAKEN_FOR_A_MOMENT = "the mode, the arming or the radio's switch was changed and changed back: the helm is yours"
+TAKEN_FOR_A_MOMENT = "the mode, the arming or the radio's switch was changed and changed back"
 SWITCH_LOW_US = 1200
 """Below this a switch is in its low position (libraries/RC_Channel, AuxSwitchPos)."""
 STICK_MOVED_US = 150
@@ -282,7 +282,7 @@ class ControlAuthority:
             elif number not in stood:
                 stood[number] = pulse
             elif not -STICK_MOVED_US <= pulse - stood[number] <= STICK_MOVED_US:
-                self.disobeyed = f"the stick on RC channel {number} was moved: the helm is yours"
+                self.disobeyed = f"the stick on RC channel {number} was moved"
 
     def cleared_by_stick(self) -> None:
         """Take that the firmware has ended our overrides because a stick was moved (RC_OPTIONS bit 14)."""
