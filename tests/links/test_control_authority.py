@@ -118,7 +118,7 @@ def test_a_helm_that_is_taken_and_given_back_before_anybody_looks_was_taken(what
     else:
         found.heartbeat(0.1, 4 if what == "mode" else 0, what != "arming", 4)
         found.heartbeat(0.1, 0, True, 4)
-    assert found.reason(0.1, parameters(), 255).endswith("the helm is yours")
+    assert found.reason(0.1, parameters(), 255).endswith("changed back")
     found.released()
     assert found.reason(2.1, parameters(), 255) == "", "an order to engage counts again"
 
