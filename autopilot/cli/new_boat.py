@@ -9,10 +9,10 @@ from __future__ import annotations
 import argparse
 import cmath
 import contextlib
-import itertools
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import sys
@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 from autopilot.cli.options import SPEEDUP, number
 from autopilot.errors import ExitCode, InputError, LinkError, RefusedError
 from autopilot.files.outside import number_from, parse_json, read_regular, typed_number
-from autopilot.files.saving import alone, check_folder, numbered, save_text
+from autopilot.files.saving import alone, check_folder, save_text
 from autopilot.interruption import Interrupted, as_exceptions, run_child
 from autopilot.models.drives import DRIVES
 from autopilot.signals import CourseSample, Mode
@@ -57,10 +57,17 @@ class Boat(NamedTuple):
     links: tuple[str, ...]
     vessel: Vessel
 
+    def logs(self, name: str) -> dict[int, Path]:
+        """Return the logs of that name that are there by their numbers, the oldest first."""
+        named = re.compile(re.escape(f"{self.file.stem}-{name}") + r"(?:-(\d+))?\.tlog")
+        there = ((named.fullmatch(path.name), path) for path in self.file.absolute().parent.iterdir())
+        found = sorted((int(match[1] or 1), path.name) for match, path in there if match)
+        return {number: self.file.with_name(name) for number, name in found}
+
     def log(self, name: str) -> str:
-        """Return the first name for a log that is free yet."""
-        place = self.file.with_name(f"{self.file.stem}-{name}.tlog")
-        return str(next(path for path in numbered(place) if not path.exists()))
+        """Return a name for a log behind all that are there: a number that was freed would make it look older."""
+        number = max(self.logs(name), default=0) + 1
+        return str(self.file.with_name(f"{self.file.stem}-{name}{f'-{number}' * (number > 1)}.tlog"))
 
 
 class Step(NamedTuple):
@@ -79,7 +86,7 @@ class Step(NamedTuple):
     good: str
     otherwise: str
     question: str = ""
-    check: Callable[[Boat], list[str]] = lambda boat: []
+    check: Callable[[Boat, Path], list[str]] = lambda boat, log: []
     again: str = ""
 
 
@@ -101,16 +108,15 @@ def _rudder(boat: Boat) -> list[str]:
     return ["trial", "turning", str(boat.file), *boat.links, *options]
 
 
-def _rudder_log(boat: Boat) -> list[str]:
+def _rudder_log(boat: Boat, log: Path) -> list[str]:
     """Return how the rudder's sensor, where there is one, contradicts the file."""
     from autopilot.identification.rudder_path import measured_rate
     from autopilot.identification.verdict import angles_against, rate_against, rests_of
     from autopilot.logs.reading import load_recording
     from autopilot.logs.table import orders_of
 
-    logs = _until_missing(boat.file.with_name(f"{boat.file.stem}-rudder.tlog"))
     try:
-        seen = orders_of(load_recording(str(logs[-1]))) if logs else None
+        seen = orders_of(load_recording(str(log)))
     except InputError as error:
         print(error)
         seen = None
@@ -137,8 +143,12 @@ def _lasting(boat: Boat) -> float:
 
 def _zigzag_of(boat: Boat, angle: float, lasts: float, name: str) -> list[str]:
     options = ["--rudder-deg", f"{angle:g}", "--heading-deg", f"{angle:g}", "--duration", f"{math.ceil(lasts)}"]
-    options += ["--at-least", "start", "--unidentified", "--log", boat.log(name)]
-    return ["trial", "zigzag", str(boat.file), *boat.links, *options]
+    return _trial(boat, "zigzag", options, name)
+
+
+def _trial(boat: Boat, kind: str, options: list[str], name: str) -> list[str]:
+    more = ["--at-least", "start", "--unidentified", "--log", boat.log(name)]
+    return ["trial", kind, str(boat.file), *boat.links, *options, *more]
 
 
 def _identify(boat: Boat) -> list[str]:
@@ -147,32 +157,34 @@ def _identify(boat: Boat) -> list[str]:
 
 def _known(boat: Boat) -> list[str]:
     """Write what the zigzags tell, however little: `identify` itself refuses a boat that no gains are sure to serve."""
-    logs = _zigzags(boat)
-    if not logs:
+    used = [*boat.logs("zigzag").values()]
+    if not used:
         place = boat.file.with_name(f"{boat.file.stem}-zigzag.tlog")
         raise InputError(f"{place}: not there; sail the zigzag first: autopilot new-boat {boat.file} --redo zigzag")
     # how thrust steers goes with the throttle: every zigzag counts
-    used = [*logs[-1:], *_larger(logs[-1])[-1:]] if DRIVES[boat.vessel.drive.kind].usual.is_rudder else logs
+    if DRIVES[boat.vessel.drive.kind].usual.is_rudder:
+        beside = (boat.logs(_beside(boat, name)) for name in ("larger", "turns"))
+        used = [used[-1], *(logs[max(logs)] for logs in beside if logs)]
     return ["identify", *map(str, used), "--vessel", str(boat.file), "--out", str(boat.file)]
 
 
-def _zigzags(boat: Boat) -> list[Path]:
-    return _until_missing(boat.file.with_name(f"{boat.file.stem}-zigzag.tlog"))
+def _beside(boat: Boat, name: str) -> str:
+    """Return what a trial is called that is identified together with the newest zigzag."""
+    number = max(boat.logs("zigzag"))
+    return f"zigzag{f'-{number}' * (number > 1)}-{name}"
 
 
-def _larger(zigzag: Path) -> list[Path]:
-    return _until_missing(zigzag.with_name(f"{zigzag.stem}-larger.tlog"))
+def _larger(boat: Boat) -> list[str]:
+    angle, lasts = min(LARGER_DEG, boat.vessel.rudder.angle_max_deg), min(2.0 * _lasting(boat), ZIGZAG_S[1])
+    return _zigzag_of(boat, angle, lasts, _beside(boat, "larger"))
 
 
-def _sail_larger(boat: Boat) -> list[str]:
-    name = f"{_zigzags(boat)[-1].stem.removeprefix(f'{boat.file.stem}-')}-larger"
-    return _zigzag_of(
-        boat, min(LARGER_DEG, boat.vessel.rudder.angle_max_deg), min(2.0 * _lasting(boat), ZIGZAG_S[1]), name
-    )
-
-
-def _until_missing(place: Path) -> list[Path]:
-    return list(itertools.takewhile(Path.exists, numbered(place)))
+def _turns(boat: Boat) -> list[str]:
+    """Steady turns of two rudder angles tell whether the boat is course-stable, and how its damping grows."""
+    angle = min(LARGER_DEG, boat.vessel.rudder.angle_max_deg)
+    angles = ",".join(f"{each:g}" for each in (0.5 * angle, -0.5 * angle, angle, -angle))
+    options = ["--rudder-deg", angles, "--each", f"{math.ceil(0.25 * _lasting(boat))}"]
+    return _trial(boat, "turning", options, _beside(boat, "turns"))
 
 
 def _gains(boat: Boat) -> list[str]:
@@ -195,14 +207,16 @@ def _hold(boat: Boat) -> list[str]:
     return ["run", str(boat.file), *boat.links, *options]
 
 
-def _hold_log(boat: Boat) -> list[str]:
+def _hold_log(boat: Boat, log: Path) -> list[str]:
     """Return what was wrong with the last hold: the exit code says no more than that it was sailed."""
     from autopilot.report.steered import Steered
     from autopilot.runtime.record import read_logs
 
+    if not log.exists():
+        return [f"{log} is not there, which would show how well it was held"]
     steered, beside = Steered(), list[complex]()
-    for log in read_logs(_until_missing(boat.file.with_name(f"{boat.file.stem}-hold.tlog"))[-1]):
-        for tick in log.ticks:
+    for part in read_logs(log):
+        for tick in part.ticks:
             steered(tick)
             courses = (each.course for each in tick.samples if type(each) is CourseSample and tick.mode is Mode.ENGAGED)
             beside += [cmath.rect(1.0, course - tick.state.heading) for course in courses]
@@ -261,7 +275,7 @@ STEPS = (
     Step(
         "identify",
         "your boat's model",
-        "The log is read. Where it tells too little, a larger zigzag is asked for, and both are identified together.",
+        "The log is read. Where it tells too little, a larger zigzag and then turns are asked for, and read with it.",
         _identify,
         "the first line says good, or good for a start",
         "a zigzag again: --redo zigzag; other trials that the first line asks for: sail them with autopilot trial, "
@@ -280,11 +294,12 @@ STEPS = (
         "the first hold",
         "Open water again, on a course you can keep for a minute. A hand near the helm.",
         _hold,
-        "its last lines say good or fair: the course is held within 6 deg for 95 % of the time",
+        "its last lines say good or fair: the course is held within 6 deg for 95 % of the time, by a quiet rudder",
         "its model was not enough, or its gains doubtful: sail what step 4 asked for with autopilot trial, identify "
         "all logs together into the file with autopilot identify, then --redo gains; its model is good, and it swings "
-        'or wanders off: docs/faq.md, "It steers badly"; too much sea: wait for a calmer day',
-        "Did it hold the course quietly?",
+        'or wanders off: docs/faq.md, "It steers badly"; too much sea: wait for a calmer day; a busy rudder in a calm: '
+        "gains with a lower --level, then --redo hold",
+        "Did it hold the course, with a quiet rudder?",
         _hold_log,
     ),
 )
@@ -353,19 +368,6 @@ class Checklist:
         """Return whether a step is done, next or later."""
         return "done" if step.name in self.done else "next" if step is self.next else "later"
 
-    def rows(self, file: Path) -> list[dict[str, str]]:
-        """Return each step for a page: its name, title, what to do before it, the command, what is good enough, what to
-        do otherwise, the question that only the operator can answer, its state (done, next or later), and when."""
-        return [
-            {
-                **{key: getattr(step, key) for key in ("name", "title", "before", "good", "otherwise", "question")},
-                "command": f"autopilot new-boat {file}",
-                "state": self.state(step),
-                "when": self.done.get(step.name, "").replace("T", " "),
-            }
-            for step in STEPS
-        ]
-
     def lines(self) -> list[str]:
         """Return the list as it is shown."""
         return [
@@ -373,30 +375,6 @@ class Checklist:
             + (f"  ({self.done[step.name].replace('T', ' ')})" if step.name in self.done else "")
             for number, step in enumerate(STEPS, 1)
         ]
-
-
-class PageOfSteps:
-    """The list of one vessel file as the helm page shows and marks it; read each time, for the terminal writes too."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-
-    def rows(self) -> list[dict[str, str]]:
-        """Return the steps. Raises InputError where the list cannot be read."""
-        return Checklist(self._file).rows(self._file)
-
-    def check(self) -> None:
-        """Say now what is not there, or cannot be read. Raises InputError."""
-        self.rows()
-        check_folder(self._file)
-        if not self._file.exists():
-            print(f"{self._file} is not there yet; autopilot new-boat {self._file} begins it", flush=True)
-
-    def mark(self, name: str, *, is_done: bool) -> None:
-        """Note the next step as done, or one and those after it as not done. Raises InputError; RefusedError while a
-        terminal goes through the steps."""
-        with alone_with(self._file):
-            Checklist(self._file).mark(name, is_done=is_done)
 
 
 DESCRIPTION = """\
@@ -491,15 +469,15 @@ def _go_on(arguments: argparse.Namespace, talk: Talk) -> int:
         checklist.tick_off(step, datetime.now())
         checklist.save()
     print("\n".join(["", *checklist.lines(), ""]))
-    links, holds = " ".join(checklist.links), _until_missing(file.with_name(f"{file.stem}-hold.tlog"))
+    links, boat = " ".join(checklist.links), Boat(file, checklist.links, load_vessel(file))
     print(f"Done: {file} steers. Every day: autopilot run {file} {links}")
-    model = load_vessel(file).model
+    model, holds = boat.vessel.model, boat.logs("hold")
     if max(off_by("gain", model.K_1_s, model.standard_errors.K_1_s or 0.0)) > ENOUGH:
         print("Its model is known little: alter course by 10 deg at a time, in a calm. A rudder sensor makes it known.")
     boots = " ".join(f"--run-with={word}" if word == "--as-gcs" else word for word in checklist.links)
     print(f"From power-on: autopilot install-service {file} {boots}")
     if holds:
-        print(f"Look at the first hold again: autopilot replay {holds[-1]}")
+        print(f"Look at the first hold again: autopilot replay {holds[max(holds)]}")
     return int(ExitCode.OK)
 
 
@@ -665,7 +643,8 @@ def take(step: Step, boat: Boat, talk: Talk) -> None:
 
 
 def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
-    code = _run(step.command(boat), talk)
+    command = step.command(boat)
+    code = _run(command, talk)
     if code == ExitCode.REFUSED and step.name == "identify" and DRIVES[boat.vessel.drive.kind].usual.is_rudder:
         code = _look_again(boat, talk)
     again, number = f"then: autopilot new-boat {boat.file}", STEPS.index(step) + 1
@@ -674,7 +653,8 @@ def _take_once(step: Step, boat: Boat, talk: Talk) -> None:
             f"step {number} ({step.title}) is not done: the links did not bring what it needs, as said above. Switch "
             f"on what sends and look at the wires, or name other links with --link; {again}"
         )
-    against = "; ".join(step.check(boat)) if code == 0 else ""
+    log = Path(command[command.index("--log") + 1]) if "--log" in command else boat.file
+    against = "; ".join(step.check(boat, log)) if code == 0 else ""
     if code != 0 or against or (step.question and not talk.yes(step.question)):
         why = f": {against}" if against else ", as said above" if code != 0 else ""
         print("\n".join([f"Good enough is: {step.good}.", *_remedies(step)]), flush=True)
@@ -691,17 +671,25 @@ def _run(command: list[str], talk: Talk) -> int:
 
 
 def _look_again(boat: Boat, talk: Talk) -> int:
-    """Sail a larger zigzag where the first tells too little, and identify both; return the exit code.
+    """Sail more where the zigzag tells too little, as the first line of `identify` asks, and identify all of it; return
+    the exit code.
 
     What is still not known, the first hold decides: a file is written where gains serve at both ends of what is open.
     """
     code = int(ExitCode.REFUSED)
-    again = " once more" if _larger(_zigzags(boat)[-1]) else ""
-    if talk.yes(f"Sail a larger zigzag{again}, to be identified with the first?"):
-        if sailed := _run(_sail_larger(boat), talk):
-            print("\n".join(["The larger zigzag is not done; it is asked for again.", *_remedies(ZIGZAG)]), flush=True)
-            return sailed
-        code = _run(_identify(boat), talk)
+    for what, asks, sail in (
+        ("larger zigzag", "Sail a larger zigzag, to be identified with the first?", _larger),
+        (
+            "turns",
+            "Sail turns to both sides with two rudder angles too, as where the first line asks for them?",
+            _turns,
+        ),
+    ):
+        if code == ExitCode.REFUSED and talk.yes(asks):
+            if sailed := _run(sail(boat), talk):
+                print("\n".join([f"The {what}: not done; asked for again.", *_remedies(ZIGZAG)]), flush=True)
+                return sailed
+            code = _run(_identify(boat), talk)
     if code == ExitCode.REFUSED and talk.yes(
         "Go on with what is known, where gains serve it? The first hold will show"
     ):

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from autopilot.errors import ExitCode, InputError
+from autopilot.files.saving import check_folder
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -50,12 +51,50 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=run)
 
 
+class PageOfSteps:
+    """The list of a new boat's file as the page shows and marks it; read each time, for the terminal writes too."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return each step: its name, title, what to do before it, the command, what is good enough, what to do
+        otherwise, the question that only the operator can answer, its state (done, next or later), and when. Raises
+        InputError where the list cannot be read."""
+        from autopilot.cli.new_boat import STEPS, Checklist
+
+        checklist = Checklist(self._file)
+        return [
+            {
+                **{key: getattr(step, key) for key in ("name", "title", "before", "good", "otherwise", "question")},
+                "command": f"autopilot new-boat {self._file}",
+                "state": checklist.state(step),
+                "when": checklist.done.get(step.name, "").replace("T", " "),
+            }
+            for step in STEPS
+        ]
+
+    def check(self) -> None:
+        """Say now what is not there, or cannot be read. Raises InputError."""
+        self.rows()
+        check_folder(self._file)
+        if not self._file.exists():
+            print(f"{self._file} is not there yet; autopilot new-boat {self._file} begins it", flush=True)
+
+    def mark(self, name: str, *, is_done: bool) -> None:
+        """Note the next step as done, or one and those after it as not done. Raises InputError; RefusedError while a
+        terminal goes through the steps."""
+        from autopilot.cli.new_boat import Checklist, alone_with
+
+        with alone_with(self._file):
+            Checklist(self._file).mark(name, is_done=is_done)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from autopilot.web import require_extra
 
     require_extra()
-    from autopilot.cli.new_boat import PageOfSteps
     from autopilot.cli.options import patience_of, signing_of
     from autopilot.web import context_of, doubts
     from autopilot.web.hub import Access, Hub, token_of

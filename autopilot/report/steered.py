@@ -22,6 +22,9 @@ GOOD_PAST_DEG, FAIR_PAST_DEG = 2.0, 6.0
 GOOD_OFF_DEG, FAIR_OFF_DEG = 2.5, 6.0
 """What counts as good and as fair: degrees past the course after a turn, and off it for 95 % of the time. They are
 yardsticks of boats in ordinary seas, and no standard's."""
+BUSY_DEG_S = math.sqrt(2.0 / math.pi) * 2.0 * 1.0
+"""How much a rudder moves [deg/s] that answers the yaw of a rough sea, 2 deg rms about 1 rad/s, degree for degree: the
+mean of its rate. One that moves more on a course hunts, or follows the noise of the instruments."""
 SHORTEST_S = 20.0
 
 
@@ -158,6 +161,10 @@ class Steered:
             return Verdict("poor", f"poor: {said}; {advice}")
         if past > GOOD_PAST_DEG or off > GOOD_OFF_DEG:
             return Verdict("fair", f"fair: {said}; in a calm it should be nearer: see autopilot gains")
+        if self.on_course >= SHORTEST_S and self.held_travel_deg_s > BUSY_DEG_S:
+            return Verdict(
+                "fair", f"fair: {said}, which is busy; in a calm it should move less: see autopilot gains --level"
+            )
         return Verdict("good", f"good: {said}")
 
     def _said(self) -> str:

@@ -10,7 +10,7 @@ import pytest
 
 from autopilot import __version__
 from autopilot.cli.main import main
-from autopilot.cli.new_boat import PageOfSteps
+from autopilot.cli.web import PageOfSteps
 from autopilot.links.url import open_transport
 from autopilot.vessel.file import dump_vessel, load_vessel
 from sitl.cli import main as sitl_main

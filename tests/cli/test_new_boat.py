@@ -16,7 +16,8 @@ import pytest
 
 from autopilot.cli import new_boat
 from autopilot.cli.main import build_parser, main
-from autopilot.cli.new_boat import STEPS, Boat, Checklist, PageOfSteps
+from autopilot.cli.new_boat import STEPS, Boat, Checklist
+from autopilot.cli.web import PageOfSteps
 from autopilot.errors import InputError, RefusedError
 from autopilot.runtime.record import Recorder
 from autopilot.signals import CourseSample, Mode, NavState, Order, OrderKind, Reference, RudderCommand, Tick
@@ -121,6 +122,11 @@ def test_a_log_never_takes_a_name_that_is_there(tmp_path: Path) -> None:
     boat = Boat(tmp_path / "mine.yaml", (), load_vessel("lanxin"))
     (tmp_path / "mine-hold.tlog").write_text("")
     assert boat.log("hold") == str(tmp_path / "mine-hold-2.tlog")
+    for name in ("mine-hold-3.tlog", "mine-hold-10.tlog", "mine-hold-3-larger.tlog", "mine-holding.tlog"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "mine-hold.tlog").unlink()
+    assert [*boat.logs("hold")] == [3, 10]
+    assert boat.log("hold") == str(tmp_path / "mine-hold-11.tlog"), "a freed name would be older than those after it"
 
 
 @pytest.fixture
@@ -200,7 +206,7 @@ def test_a_larger_zigzag_that_ended_early_is_sailed_again(
     for more in (NUMBERS, ()):
         assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *more]) == 4
         said = capsys.readouterr().out
-        assert "The larger zigzag is not done; it is asked for again.\nIf not:\n  - it ended early" in said
+        assert "The larger zigzag: not done; asked for again.\nIf not:\n  - it ended early" in said
     assert [command[-1] for command in commands if "larger" in Path(command[-1]).name] == [
         str(tmp_path / "mine-zigzag-larger.tlog"),
         str(tmp_path / "mine-zigzag-larger-2.tlog"),
@@ -230,8 +236,8 @@ def test_a_step_that_was_done_by_hand_is_gone_past(
     assert [command[0] for command in commands] == ["gains"]
 
 
-@pytest.mark.parametrize("refusals", [1, 2, 3])
-def test_what_one_zigzag_does_not_tell_a_larger_one_does_or_the_first_hold_decides(
+@pytest.mark.parametrize("refusals", [1, 2, 3, 4])
+def test_what_a_zigzag_does_not_tell_larger_ones_turns_or_the_hold_do(
     refusals: int, commands: list[list[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def refusing(command: Sequence[str]) -> int:
@@ -246,11 +252,16 @@ def test_what_one_zigzag_does_not_tell_a_larger_one_does_or_the_first_hold_decid
     assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *NUMBERS]) == 4
     said = [command[:2] if command[0] == "trial" else command[:1] for command in commands[2:]]
     assert said[:4] == [["trial", "zigzag"], ["identify"], ["trial", "zigzag"], ["identify"]]
-    assert said[4:] == [[["gains"]], [["identify"], ["gains"]], [["identify"]]][refusals - 1]
-    first, *rest = (command for command in commands if command[0] == "identify")
-    zigzag, larger = str(tmp_path / "mine-zigzag.tlog"), str(tmp_path / "mine-zigzag-larger.tlog")
-    assert first[1:3] == [zigzag, "--vessel"] and all(each[1:3] == [zigzag, larger] for each in rest)
-    assert ["--at-least" in each for each in (first, *rest)] == [True, True, False][: 1 + len(rest)]
+    turns = [["trial", "turning"], ["identify"]]
+    assert (
+        said[4:]
+        == [[["gains"]], [*turns, ["gains"]], [*turns, ["identify"], ["gains"]], [*turns, ["identify"]]][refusals - 1]
+    )
+    sets = [command[1 : command.index("--vessel")] for command in commands if command[0] == "identify"]
+    logs = [str(tmp_path / f"mine-zigzag{name}.tlog") for name in ("", "-larger", "-turns")]
+    assert sets == [logs[:1], logs[:2], logs, logs][: len(sets)]
+    asked = ["--at-least" in command for command in commands if command[0] == "identify"]
+    assert asked == [True, True, True, False][: len(sets)]
     assert main(["new-boat", str(file), "--yes", "--redo", "zigzag"]) == 4
     assert next(each for each in reversed(commands) if each[0] == "identify")[1:3] == [
         str(tmp_path / "mine-zigzag-2.tlog"),
@@ -378,6 +389,22 @@ def test_a_hold_that_swings_is_not_ticked_off(
     out, error = capsys.readouterr()
     assert said in error and "Good enough is: its last lines say good or fair" in out
     assert "  - its model is good, and it swings" in out
+    assert "hold" not in Checklist(file).done
+
+
+def test_a_hold_that_left_no_log_is_not_judged_by_an_older_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")))
+    hold(tmp_path / "mine-hold.tlog", 1.0, Mode.ENGAGED, 0.0)
+    monkeypatch.setattr(new_boat, "run_child", lambda command: 0)
+    boat = Checklist(file)
+    for step in STEPS[:-1]:
+        boat.tick_off(step, WHEN)
+    boat.save()
+    assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes"]) == 4
+    assert "mine-hold-2.tlog is not there" in capsys.readouterr().err
     assert "hold" not in Checklist(file).done
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -192,6 +193,19 @@ def test_a_boat_that_swings_is_called_so(swing_deg: float, grade: str) -> None:
     assert steered.verdict is not None and steered.verdict.grade == grade
     assert steered.off_deg == pytest.approx(swing_deg, rel=0.1, abs=0.15)
     assert steered.rms_deg == pytest.approx(swing_deg / math.sqrt(2.0), rel=0.1)
+
+
+@pytest.mark.parametrize(("travel_deg_s", "grade"), [(0.5, "good"), (1.5, "good"), (1.7, "fair"), (6.0, "fair")])
+def test_a_rudder_that_hunts_holds_no_course_well(travel_deg_s: float, grade: str) -> None:
+    ticks, angle, moved = sailed(80.0), 0.0, []
+    for before, tick in itertools.pairwise(ticks):
+        to = 1.0 if tick.now % 4.0 < 2.0 else -1.0
+        angle += to * math.radians(travel_deg_s) * (tick.now - before.now)
+        moved.append(tick._replace(command=tick.command._replace(angle=angle)))
+    steered = run_of("a", moved).steered
+    assert steered.held_travel_deg_s == pytest.approx(travel_deg_s, rel=0.02)
+    assert steered.verdict is not None and steered.verdict.grade == grade
+    assert ("which is busy" in steered.verdict.sentence) is (grade == "fair")
 
 
 def test_lost_steering_and_short_runs_are_not_called_good() -> None:

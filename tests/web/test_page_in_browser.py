@@ -17,7 +17,7 @@ from boats import BOATS, vessel_of
 from monitored_boat import BothAlarms, Watched, noted
 from page_server import TOKEN, SailingHub, chromium, served
 
-from autopilot.cli.new_boat import PageOfSteps
+from autopilot.cli.web import PageOfSteps
 from autopilot.signals import AlarmEvent, AlarmSample
 from autopilot.vessel.schema import Vessel
 

@@ -30,8 +30,7 @@ from starlette.testclient import TestClient
 
 from autopilot import __version__
 from autopilot.cli.main import build_parser, main
-from autopilot.cli.new_boat import PageOfSteps
-from autopilot.cli.web import listening_address
+from autopilot.cli.web import PageOfSteps, listening_address
 from autopilot.errors import InputError, NotYetError
 from autopilot.links.base import UNSEEN
 from autopilot.signals import AlarmSample, Mode
