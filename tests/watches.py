@@ -54,10 +54,12 @@ def runaway() -> Stepped:
 
 def off_course(limits: AlarmLimits, side: float = 1.0) -> Stepped:
     """Return the off-course alarm; side: to which the boat turned."""
-    step = course_watch.off_course_step
+    step, wanted = course_watch.off_course_step, math.nan
 
     def judged(before: course_watch.OffCourse, seen: MonitorInput) -> course_watch.OffCourse:
-        return step(limits, before, seen, shortest_turn(seen.wanted, seen.state.heading), side)
+        nonlocal wanted
+        is_new, wanted = seen.wanted != wanted, seen.wanted
+        return step(limits, before, seen, (shortest_turn(seen.wanted, seen.state.heading), is_new), side)
 
     return Stepped(judged, course_watch.ON_ITS_COURSE)
 

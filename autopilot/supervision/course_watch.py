@@ -123,15 +123,22 @@ def course_step(limits: AlarmLimits, time_constant: float, before: Away, now: fl
     return ON_HEADING if now - back >= settles else Away(since, back, side, is_off)
 
 
-def off_course_step(limits: AlarmLimits, before: OffCourse, seen: MonitorInput, error: float, side: float) -> OffCourse:
-    """Judge a tick whose heading is off by `error` [rad]: how far, which way, and whether the rudder is at its stop.
+def off_course_step(
+    limits: AlarmLimits, before: OffCourse, seen: MonitorInput, aside: tuple[float, bool], side: float
+) -> OffCourse:
+    """Judge a tick: how far the boat is off, which way, and whether the rudder is at its stop. aside: how far the
+    heading is off [rad], and whether another was ordered in this tick.
 
     While a turn may last a boat on its way to its course is on it, and one that is past it by so much for LED_PAST has
-    led past; side: to which it turned.
+    led past; side: to which it turned. From then on it may swing to both sides, until another course is ordered.
     """
-    if limits.off_course == math.inf or not (seen.holds_course or (seen.follows and side * error > 0.0)):
+    error, is_new = aside
+    if limits.off_course == math.inf or not (seen.holds_course or seen.follows):
         return ON_ITS_COURSE
     if not seen.holds_course:
+        since = before.away.since
+        if side * error <= 0.0 and (is_new or since != since):
+            return ON_ITS_COURSE
         limits = limits._replace(off_course_time=min(LED_PAST, limits.off_course_time))
         error = error if abs(error) < 0.5 * math.pi else 0.0
     away = course_step(limits, seen.model.time_constant, before.away, seen.now, error)
@@ -485,7 +492,7 @@ def update(
     # straight behind a course lies to either side: the turn goes over that to which the boat then comes
     if side == 0.0 or turn.led > NEW_COURSE or turn.led < -NEW_COURSE or not -BEHIND < turn.off < BEHIND:
         side = -math.copysign(1.0, turn.off)
-    off_course = off_course_step(limits, off_course, seen, turn.off, side)
+    off_course = off_course_step(limits, off_course, seen, (turn.off, turn.led != 0.0), side)
     found: tuple[AlarmEvent, ...] = (AlarmEvent("swinging"),) if swings else ()
     if hunts and not rudder.other:
         found += (AlarmEvent("hunting"),)

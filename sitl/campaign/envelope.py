@@ -4,8 +4,8 @@ Runs are drawn at random over ranges about the file: what the file says of its o
 boats show. Each run keeps a course and turns. It is *held* where the boat never leads past its course by more than the
 file's off-course limit, and is within that of it once the turn has had its time. Where it leaves, it is *alarmed* if an
 alarm stands, or steering has ended with one, no later than ALARM_S after; *back* if it is within the limit again by
-then; and *unsaid* else. The compiled loop does the runs that it can; those that it hands over, or in which the boat
-leaves, are done again by the full simulator, monitors and all.
+then, or is ordered to turn; and *unsaid* else. The compiled loop does the runs that it can; those that it hands over,
+or in which the boat leaves, are done again by the full simulator, monitors and all.
 
 With the distance of a run from the file as a share of each range, the bounds are the largest box about the file without
 a run that is not held: first the same share of every range, then as far on in one range after the other as it goes.
@@ -241,12 +241,14 @@ def found_by(vessel: Vessel, seed: int, run: int, *, gyro: bool = True, is_compi
 def watched(vessel: Vessel, shared: Prepared, study: Study, numbers: tuple[int, int, float], drawn: Drawn) -> Found:
     """Return what becomes of a run in the full simulator. numbers: of the run, its seed, and until when it turns."""
     run, seed, until = numbers
-    turn, left, alarm, overshoot = math.radians(study.turn.degrees), math.nan, math.nan, 0.0
-    turned, before, off = 0.0, 0.0, limit_of(vessel)
+    turn, goal, left, alarm, overshoot = math.radians(study.turn.degrees), 0.0, math.nan, math.nan, 0.0
+    turned, before, strayed, off = 0.0, 0.0, math.nan, limit_of(vessel)
     for tick, world, _ in sailed(shared, study, seed):
         heading, now = world.boat.state.heading, world.time
         turned, before = turned + wrap(heading - before), heading
-        goal = turn if now >= COURSE_S else 0.0
+        if now >= COURSE_S and goal == 0.0:
+            # a boat that had left the course before turns from wherever it is
+            goal, strayed, left = turn, left, math.nan
         past = math.copysign(1.0, turn) * (turned - goal)
         overshoot = max(overshoot, past) if now >= COURSE_S else overshoot
         is_off = abs(turned - goal) > off if now < COURSE_S or now > until else past > off
@@ -260,6 +262,8 @@ def watched(vessel: Vessel, shared: Prepared, study: Study, numbers: tuple[int, 
             return Found(run, drawn, ALARMED, left, alarm, math.degrees(overshoot))
         if now > left + ALARM_S:
             return Found(run, drawn, UNSAID if is_off else BACK, left, alarm, math.degrees(overshoot))
+    if math.isnan(left) and not math.isnan(strayed):
+        return Found(run, drawn, BACK, strayed, alarm, math.degrees(overshoot))
     return Found(run, drawn, HELD, left, alarm, math.degrees(overshoot))
 
 

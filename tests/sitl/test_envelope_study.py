@@ -108,6 +108,14 @@ def test_a_boat_that_is_now_on_its_course_and_now_off_it_is_said_to_be_off_it(ru
     assert found.alarm_s - found.left_s <= 5.0
 
 
+@pytest.mark.parametrize("run", [179, 493, 653])
+def test_a_boat_that_leads_past_its_course_is_said_to_within_five_seconds(run: int) -> None:
+    """It swings to both sides while the turn may last; or is 21 deg off a moment before the turn."""
+    found = found_by(load_vessel("blueboat"), 20261129, run, is_compiled=False)
+    assert found.outcome == ALARMED
+    assert found.alarm_s - found.left_s <= 5.0
+
+
 def test_a_hull_is_as_long_as_its_file_says() -> None:
     long, usual = envelope.hull_of(28.0), envelope.hull_of(None)
     assert (long.length_m, long.drift_lever_m) == (4.0 * usual.length_m, 4.0 * usual.drift_lever_m)

@@ -707,3 +707,19 @@ def test_a_turn_that_leads_far_past_its_course_is_off_it_before_its_time_is_over
             if tick < 20:
                 assert found is None
         assert (found is not None) is is_said
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("ordered_deg", "is_said"), [(0.0, True), (1.0, False)])
+def test_a_turn_that_swings_to_both_sides_is_off_its_course(side: float, ordered_deg: float, is_said: bool) -> None:
+    """Past its course for 1.9 s and then as far short of it; where it is short of another course it turns to that."""
+    monitor = off_course(AlarmLimits(off_course=math.radians(20.0), off_course_time=10.0), side)
+    found = []
+    for tick in range(31):
+        past = -80.0 if tick < 1 else 21.0 if tick < 20 else 5.0 if tick < 25 else -21.0
+        seen = watched(0.1 * tick, heading=side * math.radians(past))
+        seen = seen._replace(holds_course=False, follows=True)
+        if tick >= 25:
+            seen = seen._replace(wanted=side * math.radians(ordered_deg))
+        found.append(monitor.update(seen).found)
+    assert [each is not None for each in found] == [False] * 25 + [is_said] * 6
