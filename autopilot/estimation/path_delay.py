@@ -8,7 +8,9 @@ delays d_i, from 0 to the most that a line may have,
 is least where d_i is the path's delay, and a parabola through the least and its neighbours gives d between them. Of the
 noise s^2 = J/(W - 1), W the sum of w, and the curvature J'' the variance of d is 2 s^2/J''. Few echoes fit more than
 one delay: d counts once all but its neighbours are a thousand times less likely. Only an echo that has moved tells
-anything, and only then anything is computed. Noise is no less than the echo's grain, and where the best delay leaves
+anything, and only then anything is computed. A line that becomes another is found by Page's test: of each delay the
+logarithm of how much likelier it makes an echo than the best of J is summed, from zero up, and where one comes to a
+thousand J begins anew. Noise is no less than the echo's grain, and where the best delay leaves
 much of what the orders did unexplained, as where somebody else moves the rudder too, nothing is believed. A delay that
 changes from order to order leaves its mean.
 
@@ -33,7 +35,8 @@ that it has without a delay, 4.3 times for an outboard behind 0.8 s. So what the
 bias counts (`unlearnt_step`): it holds the push as without a delay.
 
 Source: delay by least squares over a grid, Bjorklund 2003, A Survey and Comparison of Time-Delay Estimation Methods in
-Linear Systems, section 4; the variance of a minimum by its curvature is least squares'.
+Linear Systems, section 4; the variance of a minimum by its curvature is least squares'; Page 1954, Continuous
+Inspection Schemes.
 """
 
 from __future__ import annotations
@@ -72,14 +75,19 @@ RECKONED_STEP = 0.05
 """Steps [s] in which the boat is reckoned ahead: a tick of a usual loop."""
 
 
+NO_COSTS = (0.0,) * PATH_GRID
+
+
 class PathDelay(NamedTuple):
-    """What is known of the path. costs [rad^2] and weight: J_i and W; echoed [rad]: the newest echo of orders that
+    """What is known of the path. costs [rad^2] and weight: J_i and W; against: of each delay how much likelier it is
+    than the best of these, of the newest echoes, as a logarithm; echoed [rad]: the newest echo of orders that
     counted, nan before; went, could [rad]: how far a rudder went whose orders were far off, and how far the filed gear
     would have; delay [s]: d, nan while it is not known; late [s]: by how much it is longer than filed, where that is
     certain, which steering goes by."""
 
-    costs: tuple[float, ...] = (0.0,) * PATH_GRID
+    costs: tuple[float, ...] = NO_COSTS
     weight: float = 0.0
+    against: tuple[float, ...] = NO_COSTS
     echoed: float = math.nan
     ends: tuple[float, ...] = ()
     went: float = PATH_WENT
@@ -112,7 +120,24 @@ def path_step(before: PathDelay, orders: tuple[Ring, Ring, int], echo: tuple[flo
     before, given = before._replace(echoed=angle), orders_before(orders, time)
     if given is None:
         return before
-    return _compared(before, [(angle - order) * (angle - order) for order in given], filed, 1.0)
+    squares = [(angle - order) * (angle - order) for order in given]
+    return _compared(_doubted(before, squares), squares, filed, 1.0)
+
+
+def _doubted(before: PathDelay, squares: list[float]) -> PathDelay:
+    """Return what is known of the path before an echo that was off by so much [rad^2] with each delay of the grid:
+    nothing, where the newest echoes show that the line has become another."""
+    if not before.weight > 1.0:
+        return before
+    least = min(before.costs)
+    noise, place = least / (before.weight - 1.0) + PATH_GRAIN * PATH_GRAIN, before.costs.index(least)
+    usual = min(squares[max(place - 1, 0) : place + 2])
+    against = tuple(
+        [max(sum_ + 0.5 * (usual - square) / noise, 0.0) for sum_, square in zip(before.against, squares, strict=True)]
+    )
+    if max(against) < 0.5 * PATH_RIVAL:
+        return before._replace(against=against)
+    return before._replace(costs=NO_COSTS, weight=0.0, against=NO_COSTS)
 
 
 def rudder_step(

@@ -97,6 +97,12 @@ def test_a_line_that_becomes_slower_is_followed_and_back() -> None:
     assert learnt(lambda now: 0.5 if now < 60.0 else 0.05, seconds=180.0).late == 0.0
 
 
+@pytest.mark.parametrize(("before", "after"), [(1.0, FILED), (FILED, 1.0), (0.5, FILED), (FILED, 0.5), (0.5, 0.3)])
+def test_a_line_that_becomes_another_is_followed_within_seconds(before: float, after: float) -> None:
+    found = learnt(lambda now: before if now < 40.0 else after, seconds=50.0)
+    assert found.late == pytest.approx(after - FILED, abs=0.05)
+
+
 def test_a_rudder_that_somebody_else_moves_says_nothing() -> None:
     found = learnt(lambda now: 0.3, anothers=math.radians(10.0))
     assert math.isnan(found.delay)
