@@ -337,7 +337,7 @@ MEASURE = """(all) => Object.fromEntries(all.map((selector) => {
   const letters = parseFloat(getComputedStyle(at).fontSize);
   return [selector, { top, bottom, width, height, letters, stands_out: at.scrollWidth > at.clientWidth }];
 }))"""
-SMALL = ((320, 568), (568, 320), (667, 375), (390, 844), (844, 390), (1280, 800))
+SMALL = ((320, 568), (568, 320), (640, 360), (667, 375), (390, 844), (844, 390), (1280, 800))
 ALL_THAT_STEERS = ["button[data-turn='-10']", "button[data-turn='10']", "#engage", "#route", "#standby"]
 ALL_THAT_STEERS += ["button[data-dodge='-20']", "#back", "button[data-dodge='20']"]
 
@@ -392,6 +392,26 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
         word(page, "mode-word", "Standby")
         helm.vane.is_acknowledged = False
     alarm(helm, None, mode)
+    page.context.close()
+
+
+def test_what_steers_by_the_wind_is_whole_on_low_screens(helm: Helm) -> None:
+    page, wanted = helm.open(), [*ALL_THAT_STEERS, "#hold-wind", "#tack", "#gybe"]
+    helm.vane.is_acknowledged = True
+    until(page, "!document.getElementById('hold-wind').hidden && !document.getElementById('hold-wind').disabled")
+    page.click("#hold-wind")
+    word(page, "mode-word", "Wind")
+    page.wait_for_selector("#tack")
+    for width, height in (*SMALL, (360, 640), (640, 360), (740, 360), (800, 360)):
+        page.set_viewport_size({"width": width, "height": height})
+        found = page.evaluate(MEASURE, [*wanted, ".top", "footer"])
+        for button in wanted:
+            where = f"{button}, {width}x{height}"
+            assert found[".top"]["bottom"] <= found[button]["top"], where
+            assert found[button]["bottom"] <= found["footer"]["top"], where
+    page.click("#standby")
+    word(page, "mode-word", "Standby")
+    helm.vane.is_acknowledged = False
     page.context.close()
 
 
@@ -506,6 +526,29 @@ def test_plots_are_held_and_saved_and_the_chart_is_drawn(helm: Helm) -> None:
     assert head.startswith("time_s,heading_deg,") and len(rows) > 3 and rows[-1].startswith("0.00,")
     page.click("#hold")
     page.wait_for_selector("#hold[aria-pressed='true']")
+    page.context.close()
+
+
+def test_a_plot_that_was_hidden_while_the_screen_turned_fills_it(helm: Helm) -> None:
+    page = helm.open(size={"width": 360, "height": 640})
+    page.evaluate("location.hash = 'plots'")
+    page.wait_for_selector("#plot-heading canvas")
+    page.evaluate("location.hash = 'helm'")
+    page.set_viewport_size({"width": 640, "height": 360})
+    page.evaluate("location.hash = 'plots'")
+    place, plot = (page.locator(at) for at in ("#plot-heading", "#plot-heading .uplot"))
+    until(page, "document.querySelector('#plot-heading .uplot').clientWidth > 500")
+    assert plot.bounding_box()["width"] == pytest.approx(place.bounding_box()["width"], abs=0.5), "whole pixels"
+    page.context.close()
+
+
+def test_what_is_empty_says_so_once(helm: Helm) -> None:
+    page = helm.open()
+    page.evaluate("location.hash = 'logs'")
+    assert page.locator("#order-rows li").count() >= 1
+    page.evaluate("location.hash = 'alarms'")
+    until(page, "document.body.dataset.page === 'alarms'")
+    assert page.is_hidden("#alarm-rows + .hint") is (page.locator("#alarm-rows li").count() == 0)
     page.context.close()
 
 

@@ -47,7 +47,7 @@ export function drawOrders() {
   const wordsOf = (given) => `${given.what}${outcome(given)}`;
   const last = boat.orders.at(-1);
   byId("last-order").textContent = last ? `${clockOf(last.time)}  ${wordsOf(last)} (${last.who})` : "";
-  byId("order-rows").replaceChildren(...boat.orders.slice().reverse().map((given) => {
+  if (last) byId("order-rows").replaceChildren(...boat.orders.slice().reverse().map((given) => {
     const row = document.createElement("li");
     row.append(Object.assign(document.createElement("time"), { textContent: clockOf(given.time) }), wordsOf(given), Object.assign(document.createElement("small"), { textContent: given.who }));
     return row;

@@ -99,7 +99,7 @@ export class Plots {
       chart = makeChart(byId(id), kind, this.held ? (_, low, high) => [low ?? -this.span, high ?? 0] : () => [-this.span, 0], this.held);
       this.charts.set(id, chart);
     }
-    return chart;
+    return fitted(chart, id, kind);
   }
 
   restyle() {
@@ -112,10 +112,17 @@ export class Plots {
   }
 
   resize() {
-    for (const [id, chart] of this.charts) chart.setSize({ width: byId(id).clientWidth || 320, height: KINDS[id].height });
-    if (learntChart && byId("plot-learning").clientWidth) learntChart.setSize({ width: byId("plot-learning").clientWidth, height: LEARNT.height });
-    if (trialChart && byId("plot-trial").clientWidth) trialChart.setSize({ width: byId("plot-trial").clientWidth, height: 260 });
+    for (const [id, chart] of this.charts) fitted(chart, id, KINDS[id]);
+    if (learntChart) fitted(learntChart, "plot-learning", LEARNT);
+    if (trialChart) fitted(trialChart, "plot-trial", TRIAL);
   }
+}
+
+/* As wide as its place: one that was hidden when the window changed has none until it is shown. */
+function fitted(chart, id, kind) {
+  const width = byId(id).clientWidth;
+  if (width && chart.width !== width) chart.setSize({ width, height: kind.height });
+  return chart;
 }
 
 function makeChart(element, kind, range, zooms = false) {
@@ -173,12 +180,12 @@ export function drawLearnt(rows) {
   if (byId("plot-learning").offsetParent === null || rows.length < 2 || !ready()) return;
   const end = rows.at(-1)[0];
   learntChart ??= makeChart(byId("plot-learning"), LEARNT);
-  learntChart.setData([rows.map((row) => row[0] - end), ...[1, 2].map((column) => rows.map((row) => row[column]))], true);
+  fitted(learntChart, "plot-learning", LEARNT).setData([rows.map((row) => row[0] - end), ...[1, 2].map((column) => rows.map((row) => row[column]))], true);
 }
 
 /* rows: [time since the start, change of heading, rudder, rudder order] */
 export function drawTrial(rows) {
   if (byId("trials").offsetParent === null || !rows.length || !ready()) return;
   trialChart ??= makeChart(byId("plot-trial"), TRIAL, (_, low, high) => [0, Math.max(high ?? 0, 20)]);
-  trialChart.setData([0, 1, 2, 3].map((column) => rows.map((row) => row[column])), true);
+  fitted(trialChart, "plot-trial", TRIAL).setData([0, 1, 2, 3].map((column) => rows.map((row) => row[column])), true);
 }
