@@ -168,12 +168,8 @@ def by_other_compass(
 def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     """Return the state after a tick, and the tick: what samples say, what the order asks, what the rudder is given."""
     now, samples, order = inputs
-    if state.estimate.speeds.reach < config.boat.limits.angle_max:
-        config = limited_by_thrust(config, state, now)
+    config, steering = in_force(config, state, now)
     boat, rudder, bow = config.boat, state.rudder, state.bow
-    steering = config.steering if rudder.rate.slower == 1.0 else steering_with(config.steering, rudder.rate)
-    unknown, path = state.way.guide.unknown, state.estimate.path
-    steering = with_slide(steering, unknown, path.late / state.estimate.model.time_constant) if unknown else steering
     gap = now - state.now if state.now == state.now else 0.0  # what is no number is not itself
     dt = 0.0 if gap < 0.0 else LONGEST_STEP if gap > LONGEST_STEP else gap
     supervisor = Supervisor(config.envelope, boat.failsafe, state.supervisor)
@@ -187,11 +183,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
-    late, before = estimate.path.late, state.estimate.path.late
-    is_other_path = late != before and abs(late - before) > PATH_LATER
-    monitors = by_other_path(monitors) if is_other_path else monitors
     monitors, thrusters, found = monitored(config, state, monitors, estimate, view, dt)
-    found = {**found, "path_late": path_event(estimate.path, boat.loop_delay)} if late else found
 
     noted = supervisor.memory.notes
     is_open = was is not Mode.ENGAGED and is_looked_at(monitors.consistency.held)
@@ -202,22 +194,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         way, rudder = taken_over(steering, way, rudder, estimate, seen)
         control = begun(config, control, rudder.command.angle)
 
-    ratio, softer = estimate.quickness, monitors.course.softer
-    steady = steered_by(steering, model, seen, ratio)
-    holds = now >= state.way.guide.turning_until
-    ratio = paced(steering, model, ratio, late) if late and holds else ratio
-    mean_bias = 0.0 if is_other_boat else state.mean_bias
-    mean_bias -= math.expm1(-dt / (CALM * model.time_constant)) * (steady.bias - mean_bias)
-    if softer > 1.0:
-        # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
-        # against that keeps it swinging
-        steady = steady._replace(bias=mean_bias)
-    present = steady
-    if is_engaged and late > 0.0:
-        # an order of now finds the boat where it will be when it comes
-        on_way = estimate.rudder, estimate.memory
-        lively, gear = estimate.lively_model, steering.estimator.gear
-        steady = when_heard(lively, gear, steady, on_way, late, estimate.fusion.unlearnt if holds else 0.0)
+    at = dt, is_engaged, is_other_boat
+    present, steady, ratio, mean_bias = steered_from(steering, state, monitors, estimate, seen, at)
     on_course = is_engaged and order.kind is OrderKind.HEADING
     waits = on_course and lacks_way(boat, way, estimate, steady.speed)
     if is_engaged and (is_other_boat or waits != way.waits):
@@ -236,7 +214,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         present = steady
     elif steers:
         way, reference = refer(steering, way, order, model, steady, (rudder.command.angle, dt))
-        asked = answering(boat, model, softer), ratio
+        asked = answering(boat, model, monitors.course.softer), ratio
         control, demand = ask_law(config, control, asked, reference, steady, (own, dt))
         demand += control.roll_rudder
     else:
@@ -257,10 +235,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     is_ours = command.engaged and boat.rudder_is_ours
     estimate = with_order(estimate, now, command.angle) if is_ours else estimate
     if is_ours and not is_measured:
-        known = begun_at(present.rudder) if is_other_path else rudder.rate
-        rate = rate_so_far(estimate, way, known, present, found)
-        heard = estimate.rudder.effective if late else moved[0]
-        estimate, way, rate = with_rudder_rate(config.steering, estimate, way, rate, (heard, dt), present)
+        estimate, way, rate = with_gear_found(config, state, (estimate, way), moved, present, found)
     else:
         rate = begun_at(present.rudder)
 
@@ -274,6 +249,49 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         estimate, monitors, memory, panel, failsafe, control, way, given, mean_bias, number, now, found, thrusters, bow
     )
     return after, tick
+
+
+def in_force(config: Config, state: State, now: float) -> tuple[Config, SteeringConfig]:
+    """Return the config as thrust limits the rudder, and what steering goes by: the rudder's rate and the slide of the
+    hull as they were found."""
+    if state.estimate.speeds.reach < config.boat.limits.angle_max:
+        config = limited_by_thrust(config, state, now)
+    steering = config.steering if state.rudder.rate.slower == 1.0 else steering_with(config.steering, state.rudder.rate)
+    unknown, path = state.way.guide.unknown, state.estimate.path
+    steering = with_slide(steering, unknown, path.late / state.estimate.model.time_constant) if unknown else steering
+    return config, steering
+
+
+def steered_from(
+    config: SteeringConfig,
+    state: State,
+    monitors: MonitorState,
+    estimate: EstimatorState,
+    seen: NavState,
+    at: tuple[float, bool, bool],
+) -> tuple[NavState, NavState, float, float]:
+    """Return the boat as it is steered now, and as it will be when the order comes; how many times as quick as in the
+    trial its course is held; and its mean bias [rad].
+
+    state: that from before the tick. at: the time since [s], whether the boat is steered, and whether it turned out to
+    be another.
+    """
+    (dt, is_engaged, is_other_boat), model, ratio = at, estimate.model, estimate.quickness
+    late, holds = estimate.path.late, seen.time >= state.way.guide.turning_until
+    present = steered_by(config, model, seen, ratio)
+    ratio = paced(config, model, ratio, late) if late and holds else ratio
+    mean_bias = 0.0 if is_other_boat else state.mean_bias
+    mean_bias -= math.expm1(-dt / (CALM * model.time_constant)) * (present.bias - mean_bias)
+    if monitors.course.softer > 1.0:
+        # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
+        # against that keeps it swinging
+        present = present._replace(bias=mean_bias)
+    if not (is_engaged and late > 0.0):
+        return present, present, ratio, mean_bias
+    # an order of now finds the boat where it will be when it comes
+    lively, gear, on_way = estimate.lively_model, config.estimator.gear, (estimate.rudder, estimate.memory)
+    there = when_heard(lively, gear, present, on_way, late, estimate.fusion.unlearnt if holds else 0.0)
+    return present, there, ratio, mean_bias
 
 
 def held_course(
@@ -309,7 +327,10 @@ def monitored(
     """Return what monitors and the watch of thrusters remember, and what is the case; view: what they are shown."""
     times, angles, _, _, _, commands = estimate.memory
     history = times, angles, commands, estimate.rudder.ticks
+    late, before = estimate.path.late, state.estimate.path.late
+    monitors = by_other_path(monitors) if late != before and abs(late - before) > PATH_LATER else monitors
     monitors, found = judged(config.boat.alarms, monitors, view, history)
+    found = {**found, "path_late": path_event(estimate.path, config.boat.loop_delay)} if late else found
     if not config.has_thrusters:
         return monitors, state.thrusters, found
     return monitors, *watch_thrusters(config.boat, state, estimate, view, dt, found)
@@ -339,6 +360,25 @@ def limited_by_thrust(config: Config, state: State, now: float) -> Config:
     least = max(LEAST_REACH * limits.angle_max, abs(state.rudder.command.angle) - moved)
     held = limits._replace(angle_max=min(max(reach, least), limits.angle_max))
     return config._replace(boat=config.boat._replace(limits=held), steering=config.steering._replace(limits=held))
+
+
+def with_gear_found(
+    config: Config,
+    state: State,
+    boat: tuple[EstimatorState, Way],
+    moved: Moved,
+    present: NavState,
+    found: Mapping[str, AlarmEvent],
+) -> tuple[EstimatorState, Way, RudderRate]:
+    """Return what is known of a rudder without a sensor after a tick in which we commanded it; boat: what is known of
+    the boat, and its way; state: that from before the tick; moved: the last command and the time since."""
+    (estimate, way), (command, dt) = boat, moved
+    late, before = estimate.path.late, state.estimate.path.late
+    # behind another path what was made of the rudder is none
+    rate = begun_at(present.rudder) if late != before and abs(late - before) > PATH_LATER else state.rudder.rate
+    rate = rate_so_far(estimate, way, rate, present, found)
+    there = estimate.rudder.effective if late else command
+    return with_rudder_rate(config.steering, estimate, way, rate, (there, dt), present)
 
 
 def with_rudder_rate(
