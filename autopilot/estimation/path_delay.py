@@ -10,9 +10,10 @@ noise s^2 = J/(W - 1), W the sum of w, and the curvature J'' the variance of d i
 one delay: d counts once all but its neighbours are a thousand times less likely. Only an echo that has moved tells
 anything, and only then anything is computed. A line that becomes another is found by Page's test: of each delay the
 logarithm of how much likelier it makes an echo than the best of J is summed, from zero up, and where one comes to a
-thousand J begins anew. Noise is no less than the echo's grain, and where the best delay leaves
-much of what the orders did unexplained, as where somebody else moves the rudder too, nothing is believed. A delay that
-changes from order to order leaves its mean.
+thousand J begins anew. An order that a line or a computer holds up for a moment is no other line: one echo tells a
+quarter of that at most, and four are the fewest that a delay is known by. Noise is no less than the echo's grain, and
+where the best delay leaves much of what the orders did unexplained, as where somebody else moves the rudder too,
+nothing is believed. A delay that changes from order to order leaves its mean.
 
 A rudder whose sensor shows e has not come to its order yet: in place of u stands e_i(t), where the gear has brought it
 from the e that was shown before, under u(. - d_i). Nothing but that short while is reckoned, and nothing but e need be
@@ -49,8 +50,10 @@ from autopilot.control.wave_feedforward import swung
 from autopilot.estimation.heading_ekf import carried_ahead
 from autopilot.estimation.rudder_observer import Ring, RudderMemory, RudderObserver
 from autopilot.estimation.tuning import (
+    PATH_ECHOES,
     PATH_ERROR_MOST,
     PATH_EXPLAINS,
+    PATH_FEW,
     PATH_FOLLOWS,
     PATH_GRAIN,
     PATH_GRID,
@@ -65,10 +68,11 @@ from autopilot.estimation.tuning import (
     PATH_SENSED,
     PATH_SLOWEST,
     PATH_STEP,
+    PATH_TELLS,
     PATH_WENT,
 )
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear, gear_step, gear_step_by, lag_share
+from autopilot.models.steering_gear import SteeringGear, clip, gear_step, gear_step_by, lag_share
 from autopilot.signals import NavState
 
 RECKONED_STEP = 0.05
@@ -121,21 +125,24 @@ def path_step(before: PathDelay, orders: tuple[Ring, Ring, int], echo: tuple[flo
     if given is None:
         return before
     squares = [(angle - order) * (angle - order) for order in given]
-    return _compared(_doubted(before, squares), squares, filed, 1.0)
+    return _compared(_doubted(before, squares), squares, filed, PATH_FEW)
 
 
 def _doubted(before: PathDelay, squares: list[float]) -> PathDelay:
     """Return what is known of the path before an echo that was off by so much [rad^2] with each delay of the grid:
     nothing, where the newest echoes show that the line has become another."""
-    if not before.weight > 1.0:
-        return before
     least = min(before.costs)
+    if math.isnan(before.delay) or not before.weight > 1.0 or least > PATH_EXPLAINS * max(before.costs):
+        return before
     noise, place = least / (before.weight - 1.0) + PATH_GRAIN * PATH_GRAIN, before.costs.index(least)
     usual = min(squares[max(place - 1, 0) : place + 2])
     against = tuple(
-        [max(sum_ + 0.5 * (usual - square) / noise, 0.0) for sum_, square in zip(before.against, squares, strict=True)]
+        [
+            max(more + clip(0.5 * (usual - square) / noise, -PATH_TELLS, PATH_TELLS), 0.0)
+            for more, square in zip(before.against, squares, strict=True)
+        ]
     )
-    if max(against) < 0.5 * PATH_RIVAL:
+    if max(against) < PATH_ECHOES * PATH_TELLS:
         return before._replace(against=against)
     return before._replace(costs=NO_COSTS, weight=0.0, against=NO_COSTS)
 
@@ -196,7 +203,7 @@ def _compared(before: PathDelay, squares: list[float], filed: float, least: floa
     kept = 1.0 - 1.0 / PATH_MEMORY
     costs = tuple([kept * cost + square for cost, square in zip(before.costs, squares, strict=True)])
     weight = kept * before.weight + 1.0
-    later = PATH_SENSED if least > 1.0 else PATH_LATER
+    later = PATH_SENSED if least == PATH_LEAST else PATH_LATER
     delay, late = delay_of(costs, weight) if weight >= least else math.nan, before.late
     if math.isnan(delay):
         return before._replace(costs=costs, weight=weight)

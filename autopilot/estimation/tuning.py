@@ -115,6 +115,10 @@ PATH_RIVAL = 2.0 * math.log(1000.0)
 """The least J of a delay that is not beside the best exceeds the best's by so many times the noise, of normal errors
 where it is a thousand times less likely. Derived; with 100 or 10,000 times the delay is known at most 0.1 s sooner or
 later."""
+PATH_ECHOES = 4
+PATH_TELLS, PATH_FEW = 0.5 * PATH_RIVAL / PATH_ECHOES, PATH_ECHOES - 0.5
+"""So many echoes at the least tell of a delay, or that it is another now: a stall of 0.3 s holds up two or three. What
+one of them tells at most, as a logarithm, and the weight that so many exceed."""
 PATH_ERROR_MOST = 0.02
 """A delay is certain where its standard error is less [s]."""
 PATH_LATER, PATH_FOLLOWS = 0.05, 0.02

@@ -34,9 +34,11 @@ def learnt(
     seconds: float = 60.0,
     moves: Callable[[float], float] = order_at,
     anothers: float = 0.0,
+    steered_by: list[float] | None = None,
 ) -> PathDelay:
     """Return what is known of a path after so many seconds: its delay is asked anew for each order, and the gear shows
-    the newest that has come some ten times a second, in microseconds of pulse."""
+    the newest that has come some ten times a second, in microseconds of pulse. steered_by: takes what each echo leaves
+    to steer by."""
     times, commands, path = [0.0] * 256, [math.nan] * 256, NOT_ECHOED
     on_way: list[tuple[float, float]] = []
     shown, grain = 0.0, math.radians(0.07)
@@ -51,6 +53,8 @@ def learnt(
             angle = grain * round((shown + anothers * math.sin(0.7 * echo)) / grain)
             if not -PATH_MOVED < angle - path.echoed < PATH_MOVED:
                 path = path_step(path, (times, commands, tick), (echo, angle), FILED)
+                if steered_by is not None:
+                    steered_by.append(path.late)
         times[tick & 255], commands[(tick + 1) & 255] = now, moves(now)
         on_way.append((now + delay_at(now), moves(now)))
     return path
@@ -101,6 +105,20 @@ def test_a_line_that_becomes_slower_is_followed_and_back() -> None:
 def test_a_line_that_becomes_another_is_followed_within_seconds(before: float, after: float) -> None:
     found = learnt(lambda now: before if now < 40.0 else after, seconds=50.0)
     assert found.late == pytest.approx(after - FILED, abs=0.05)
+
+
+def test_orders_that_a_stall_holds_up_are_no_other_line() -> None:
+    for seed in range(20261130, 20261154):
+        random, until, steered_by = Random(seed), [0.0], list[float]()
+
+        def stalls(now: float, random: Random = random, until: list[float] = until) -> float:
+            if random.random() < 0.05:
+                until[0] = now + random.uniform(0.1, 0.7)
+            return max(0.02 + 0.02 * random.random(), until[0] - now)
+
+        learnt(stalls, steered_by=steered_by)
+        # one stall a second holds orders up by 0.1 s on the mean
+        assert max(steered_by) < 0.1, seed
 
 
 def test_a_rudder_that_somebody_else_moves_says_nothing() -> None:
