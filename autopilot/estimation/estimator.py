@@ -14,7 +14,7 @@ from typing import NamedTuple
 from autopilot.angles import wrap
 from autopilot.estimation import heading_ekf as ekf
 from autopilot.estimation.disturbance import NO_SEA, Noises
-from autopilot.estimation.fusion import NOT_BEGUN, Fusion, carried, fuse_measured, seen_at
+from autopilot.estimation.fusion import NOT_BEGUN, Fusion, are_truth, carried, fuse_measured, seen_at
 from autopilot.estimation.heading_ekf import innovations, is_sound
 from autopilot.estimation.instruments import (
     Speeds,
@@ -38,7 +38,6 @@ from autopilot.estimation.rudder_observer import (
     with_feedback,
 )
 from autopilot.estimation.tuning import (
-    GATE_PATIENCE,
     GATE_SIGMAS,
     PATH_GRAIN,
     PATH_LASTS,
@@ -395,7 +394,7 @@ def _fused(
     taken = (*state.taken[-SAMPLES_KEPT + 1 :], Taken(before, sample))
     if not is_fused:
         state = state._replace(rudder=rudder, fusion=fusion, taken=taken)
-        if fusion.spikes > GATE_PATIENCE and isinstance(sample, HeadingSample):
+        if isinstance(sample, HeadingSample) and are_truth(fusion, sample.time - heading_time):
             return _begun(config, state, sample)
         return state
     if beliefs.holds_bias or state.speed < config.steerage:

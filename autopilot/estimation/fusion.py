@@ -1,6 +1,7 @@
 """One measurement taken into the filter: what it leaves of the boat's state, and of how compass and gyro err.
 
-A heading that lies too far from what is expected is a spike, and left out; a rate that no rudder makes is none. What
+A heading that lies too far from what is expected is a spike, and left out, unless the boat can have turned so far since
+the measurement before, or the rate of turn beside it shows that it has; a rate that no rudder makes is none. What
 lies to one side for seconds, or leans to it for the time of gusts, pushes the boat, and the bias is quick meanwhile.
 
 How compass and rate sensor err, learnt on the way: the rate sensor's standing error, and the noise of both.
@@ -35,7 +36,9 @@ from autopilot.estimation.heading_ekf import FilterState, fused, innovations, pr
 from autopilot.estimation.rudder_observer import RudderPast, angle_at, stretch
 from autopilot.estimation.tuning import (
     BIAS_MOST,
+    GATE_LASTS,
     GATE_LEAST,
+    GATE_PATIENCE,
     GATE_SIGMAS,
     GRAIN_SHARE,
     INNOVATION_LASTING,
@@ -60,6 +63,7 @@ from autopilot.estimation.tuning import (
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
+from autopilot.supervision.tuning import TURN_GAINED
 
 
 class RateBias(NamedTuple):
@@ -107,7 +111,9 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     psi += dt * (mean - bias)
     turned = mean - bias if mean > bias else bias - mean
     turning -= math.expm1(-dt / RATE_MEAN_TIME) * (turned - turning)
-    p00 += dt * (dt * (p11 + of_rate) - 2.0 * p01)
+    # waves that turn the boat between two rates are not seen: such rates are worth as little as their difference shows
+    differs = 0.5 * (rate - held) * (rate - held)
+    p00 += dt * (dt * (p11 + (of_rate if of_rate > differs else differs)) - 2.0 * p01)
     p01 -= dt * p11
     p11 += RATE_BIAS_CHANGE * dt
     if heading != heading:
@@ -262,6 +268,29 @@ def _moved(
     return ahead.psi, ahead.rate, ahead.wave, ahead.wave_rate
 
 
+def are_truth(fusion: Fusion, silent: float) -> bool:
+    """Return whether the headings that were left out last are no spikes; silent [s]: since the last that was fused."""
+    spikes = fusion.spikes
+    return spikes > GATE_PATIENCE or (spikes > 1 and silent >= GATE_LASTS)
+
+
+def turn_within(rate_most: float, dt: float) -> float:
+    """Return how far [rad] a boat that turns by `rate_most` [rad/s] at most may turn in `dt` [s] beside what is
+    expected of it: it gains that rate in TURN_GAINED."""
+    return rate_most * dt * (dt / TURN_GAINED if dt < TURN_GAINED else 1.0)
+
+
+def is_borne_out(gyro: RateBias, time: float, heading: float, rate: float) -> bool:
+    """Return whether compass and rate sensor tell of the same turn up to a `heading` [rad] and `rate` [rad/s], nan
+    where none was measured: what is expected of the boat is wrong then, and the heading is no spike."""
+    last, psi, held, bias, _, _, _, _, _, _, rated = gyro
+    if psi != psi or not 0.0 <= time - rated <= RATE_HELD:
+        return False
+    mean = 0.5 * (held + rate) if rate == rate else held
+    off = wrap(heading - psi - (time - last) * (mean - bias))
+    return -GATE_LEAST <= off <= GATE_LEAST
+
+
 def fuse_measured(
     model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, measured: tuple[float, float, float]
 ) -> tuple[Fusion, bool]:
@@ -289,9 +318,13 @@ def fuse_measured(
     if heading == heading:  # what is no number is not itself
         gate = GATE_SIGMAS * deviation
         gate = gate if gate > GATE_LEAST else GATE_LEAST
-        if innovation > gate or innovation < -gate:
+        reach = turn_within(noises.rate_most, dt)
+        gate = reach if gate < reach < math.inf else gate
+        if (innovation > gate or innovation < -gate) and not is_borne_out(gyro, time, heading, raw):
             agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate
             spikes = spikes + 1 if agrees else 1
+            # the rate goes on carrying the heading that both show
+            gyro = rate_bias_step(gyro, (time, math.nan, raw), (of_heading, of_rate))
             return Fusion(before, mean, spikes, heading, lean, leans, gyro, headings, rates, unlearnt), False
         spikes = 0
         shown = deviation * deviation - of_heading

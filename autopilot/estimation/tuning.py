@@ -130,7 +130,10 @@ where it changes by more than the second."""
 GATE_SIGMAS = 6.0  # 30 %: nothing
 GATE_LEAST = math.radians(10.0)  # 30 %: nothing
 GATE_PATIENCE = 5  # 30 %: nothing
-"""A heading this far off is a spike; more than this many in a row that agree among themselves are the truth."""
+GATE_LASTS = 0.55
+"""A heading this far off is a spike; more than this many in a row that agree among themselves are the truth, or fewer,
+two at least, behind the last that was fused by so long [s], which is the same at 10 Hz: a slow compass would be silent
+until the fail-safe takes it for lost."""
 INNOVATION_MEAN_TIME = 3.0  # 30 %: nothing
 INNOVATION_MOST = 5.0  # 30 %: nothing
 INNOVATION_LASTING = 1.5  # 30 %: nothing

@@ -17,7 +17,16 @@ from autopilot.control.law import NO_ROLL, LawInput
 from autopilot.control.limits import Rest, limited
 from autopilot.control.registry import law_step
 from autopilot.estimation.disturbance import Noises, sliding
-from autopilot.estimation.fusion import NO_NOISE, NO_RATE_BIAS, Fusion, Measured, Moment, fuse_measured, seen_at
+from autopilot.estimation.fusion import (
+    NO_NOISE,
+    NO_RATE_BIAS,
+    Fusion,
+    Measured,
+    Moment,
+    are_truth,
+    fuse_measured,
+    seen_at,
+)
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
 from autopilot.estimation.instruments import Smoothed, model_at, smoothed
 from autopilot.estimation.rudder_observer import (
@@ -31,7 +40,7 @@ from autopilot.estimation.rudder_observer import (
     ordered,
     rudder_rate_step,
 )
-from autopilot.estimation.tuning import GATE_PATIENCE, PREDICT_LONGEST
+from autopilot.estimation.tuning import PREDICT_LONGEST
 from autopilot.guidance.turn import NO_EVIDENCE, VirtualBoat, is_turning, reference_of
 from autopilot.models.drives import quickness
 from autopilot.models.norrbin import Norrbin
@@ -345,8 +354,8 @@ def _listen(
             state, mean, spikes, spike, lean, leans, gyro, headings, rates, _ = fusion
             state = with_bias_of(model, noises.usual, before, state)
             fusion = Fusion(state, mean, spikes, spike, lean, leans, gyro, headings, rates, unlearnt)
+        gone = gone or (not is_fused and are_truth(fusion, time - heading_time))
         heading_time = time if is_fused else heading_time
-        gone = gone or fusion.spikes > GATE_PATIENCE
     return State(
         now=now,
         model=model,

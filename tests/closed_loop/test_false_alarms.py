@@ -230,3 +230,25 @@ def test_a_model_that_is_a_guess_makes_no_slow_rudder_of_a_healthy_one() -> None
     script = TrialScript([zigzag(math.radians(15.0), math.radians(15.0), 300.0)], TrialLimits())
     simulate(guess, script, 330.0, boat="frigate")
     assert script.is_complete, script.reason
+
+
+@pytest.mark.parametrize("has_gyro", [False, True])
+@pytest.mark.parametrize(("name", "hz"), [("middle", 2), ("lanxin", 2), ("lanxin", 5)])
+def test_a_slow_compass_of_a_boat_that_is_thrown_round_is_not_lost(name: str, hz: int, has_gyro: bool) -> None:
+    """Its headings were left out as spikes, one after another, until the fail-safe took it for silent."""
+    vessel = vessel_of(BOATS[name])
+    vessel = replace(vessel, failsafe=replace(vessel.failsafe, heading_timeout_s=max(1.0, 3.0 / hz)))
+    pilot, order = build_pilot(vessel), Order(OrderKind.HEADING, 0.0, serial=1)
+    thrown = math.radians(90.0)
+    plant = Plant(
+        model_of(vessel), gear_of(vessel), disturbance=lambda now: thrown if 60.0 <= now < 64.0 else 0.0, step_max=0.05
+    )
+    for index in range(round(70.0 / STEP)):
+        now, is_heard = plant.time, index % round(1.0 / (hz * STEP)) == 0
+        heading = HeadingSample(now, wrap(plant.heading), plant.rate if has_gyro else None, "compass")
+        tick = pilot.step(now, (heading,) if is_heard else (), order)
+        if tick.mode is not Mode.ENGAGED:
+            # the boat turns against its rudder, which is so
+            assert "overpowered" in {event.name for event in tick.alarms}, words_of(tick)
+            return
+        plant.step(tick.command.angle, STEP)

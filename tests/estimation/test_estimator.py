@@ -207,6 +207,19 @@ def test_spikes_are_dropped_and_a_true_jump_is_accepted() -> None:
     assert tested.state.fusion.spikes == 0
 
 
+@pytest.mark.parametrize(("hz", "left_out"), [(20.0, 6), (10.0, 6), (5.0, 3), (2.0, 2), (1.0, 2)])
+def test_a_slow_compass_is_believed_again_before_it_counts_as_lost(hz: float, left_out: int) -> None:
+    """Six headings in a row took 3 s at 2 Hz, and the fail-safe came first."""
+    tested = estimator()
+    for i in range(50):
+        tested.update(i / hz, (HeadingSample(i / hz, 0.0, 0.0),))
+    last = 49 / hz
+    for i in range(1, left_out + 1):
+        assert tested.state.heading_time == last
+        tested.update(last + i / hz, (HeadingSample(last + i / hz, 2.0, 0.0),))
+    assert tested.state.heading_time == last + left_out / hz
+
+
 @pytest.mark.parametrize(
     "bad",
     [

@@ -281,3 +281,21 @@ def test_a_rate_that_no_rudder_makes_is_left_out_but_where_the_boat_is_turned_so
         now, is_fused = fuse_measured(BOAT, bounded, now, PAST, measured)
         assert is_fused
     assert now.state.rate == pytest.approx(most, abs=math.radians(1.0)), "a boat that is turned so, turns so"
+
+
+def test_a_boat_thrown_further_than_the_gate_between_two_headings_a_second_apart_has_no_spike() -> None:
+    """It turns by 12 deg/s at most: further than the gate in a second, not in a tenth of one."""
+    noises = NOISES._replace(rate_most=math.radians(12.0))
+    for dt, off_deg, is_taken in ((1.0, 11.9, True), (0.1, 10.1, False), (2.0, 23.9, True), (3.0, 41.0, False)):
+        measured = Measured(dt, math.radians(off_deg), NO)
+        assert fuse_measured(BOAT, noises, fusion(), PAST, measured)[1] is is_taken
+
+
+def test_a_turn_that_compass_and_gyro_show_alike_is_no_spike() -> None:
+    for rate_deg_s, is_taken in ((15.0, True), (-15.0, False), (0.0, False)):
+        rate = math.radians(rate_deg_s)
+        known = NO_RATE_BIAS._replace(time=0.0, heading=0.0, rate=rate, seen=0.0, rated=0.0)
+        measured = Measured(1.0, math.radians(15.0), rate)
+        assert fuse_measured(BOAT, NOISES, fusion()._replace(gyro=known), PAST, measured)[1] is is_taken
+    old = known._replace(rate=math.radians(15.0), rated=-1.5)
+    assert not fuse_measured(BOAT, NOISES, fusion()._replace(gyro=old), PAST, Measured(1.0, math.radians(15.0), NO))[1]

@@ -16,6 +16,7 @@ from autopilot.angles import wrap
 from autopilot.estimation.fusion import NO_NOISE, NO_RATE_BIAS, RateBias, noise_step, rate_bias_step
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, RateSample, Sample, SpeedSample
+from autopilot.supervision.tuning import RATE_OFF, RATE_OFF_KNOWN
 from autopilot.vessel.file import load_vessel
 
 NOISE = math.radians(0.3) ** 2, math.radians(0.05) ** 2
@@ -291,3 +292,17 @@ def test_what_wild_rates_made_of_the_sea_is_forgotten_when_they_are_found_apart_
     assert known[found] == ["22 deg apart"], "too few yet to say that it is in other units"
     assert abs(ticks[found - 1].state.bias) > math.radians(20.0)
     assert abs(ticks[found].state.bias) < math.radians(0.1)
+
+
+@pytest.mark.parametrize("period", [0.9, 1.3, 1.7, 2.3, 3.1])
+def test_waves_between_two_rates_are_no_standing_error(period: float) -> None:
+    """5 deg/s by waves, a heading and a rate a second: what the rate does in between is in neither."""
+    pace, most = 2.0 * math.pi / period, math.radians(5.0)
+    for phase in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0):
+        gyro = NO_RATE_BIAS
+        for second in range(120):
+            now = float(second)
+            at = pace * now + phase
+            measured = now, -most / pace * math.cos(at), most * math.sin(at)
+            gyro = rate_bias_step(gyro, measured, (math.radians(0.3) ** 2, math.radians(0.2) ** 2))
+            assert abs(gyro.bias) < RATE_OFF or gyro.p11 >= RATE_OFF_KNOWN
