@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.identification.identify import LEAST_EXPLAINED, check_excitation, check_response, starting_point
+from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_fit import LikelihoodFit, largest_rate, likelihood_fit
 from autopilot.identification.likelihood_model import SURELY_TURNS, ordered
 from autopilot.identification.likelihood_record import Form, Surroundings
@@ -89,7 +90,7 @@ def _rate_of(part: Segment, at: FloatArray) -> FloatArray:
 def _steered(part: Segment, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return mean and rise of the rudder [rad] until the next of the times: a rudder that goes over within a step turns
     the boat by its mean, not by where it is at both ends."""
-    mean, rise = means_behind(DIRECT, *with_corners(part.time, part.rudder), at)
+    mean, rise, _ = means_behind(DIRECT, *with_corners(part.time, part.rudder), at)
     return np.append(mean, part.rudder[-1]), np.append(rise, 0.0)
 
 
@@ -300,6 +301,9 @@ def _drive_fit(values: FloatArray, free: Sequence[int], covariance: FloatArray, 
         by = np.zeros(covariance.shape[0])
         by[free.index(3)], by[free.index(2)] = 1.0 / size, -slope / (size * damping)
         errors["damping_share"] = math.sqrt(max(float(by @ covariance @ by), 0.0))
+        # more than all of the damping cannot go with the speed, and chance finds more of a boat of which all does
+        if 1.0 < law.damping_share < 1.0 + SURE_OF_IT * errors["damping_share"]:
+            law = law._replace(damping_share=1.0)
         sentences.append(
             f"The yaw damping n1/T is {damping + slope * (low - 1.0):.3g} 1/s at {min(asked.speeds):.2f} m/s and "
             f"{damping + slope * (high - 1.0):.3g} 1/s at {max(asked.speeds):.2f} m/s."

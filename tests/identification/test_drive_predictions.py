@@ -269,6 +269,16 @@ def test_a_boat_that_runs_away_ends_at_a_rate_and_not_in_what_is_no_number() -> 
     assert np.all(np.abs(rates) <= drive_effect.RATE_MOST)
 
 
+@pytest.mark.parametrize(("error", "share"), [(0.05, 1.0), (0.01, 1.05)])
+def test_no_more_than_all_of_the_damping_goes_with_the_speed_by_chance(error: float, share: float) -> None:
+    values, free = np.array([1.6, 2.0, 0.8, 1.05 * 0.8, 1.5, 0.0]), list(range(6))
+    spread = np.diag(np.square([0.01, 0.01, 1.0e-6, error * 0.8, 0.01, 0.001]))
+    asked = drive_effect._Asked(TWO.usual, TWO.needs, 1.2, 0.5, True, (0.7, 1.2, 2.2), (0.3, 0.5, 0.9))
+    found = drive_effect._drive_fit(values, free, spread, asked)
+    assert found.law.damping_share == pytest.approx(share)
+    assert found.errors["damping_share"] == pytest.approx(error, rel=0.01)
+
+
 def saved(tmp_path: Path, lasts: float) -> list[str]:
     paths = []
     for side in (1, -1):
