@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from identification_bad_logs import Damage, Table, blank, lost
 from identification_intervals import PLANTS, SEAS
 from independent_boat import SPEED_M_S, Plant, Sea, zigzags
 from scipy.linalg import expm
@@ -19,7 +20,7 @@ from autopilot.cli.identify_vessel import Given, write_vessel
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.identification import likelihood_record
-from autopilot.identification.compass_and_gyro import in_time
+from autopilot.identification.compass_and_gyro import compass_late, in_time
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import at_least_as_doubtful, identify
 from autopilot.identification.interval import interval_of
@@ -62,10 +63,25 @@ def test_a_course_unstable_boat_is_found_without_an_option(unstable: Identified)
     assert unstable.model.gain == pytest.approx(0.4, rel=0.03)
 
 
-def test_in_gusts_and_waves_the_intervals_hold_the_truth() -> None:
-    plant, sea, inside = PLANT["K 0.43, T 3.5"], SEA["gusts and waves"], []
-    for seed in range(200, 205):
-        ratios = identify(runs_of(plant, sea, seed), QUESTION).ratios
+def whole(table: Table, random: np.random.Generator) -> Table:
+    return table
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "first"),
+    [
+        ("K 0.43, T 3.5", whole, 200),
+        ("K 0.43, T 3.5", lost(0.2, 0.0), 2026113080),
+        ("K 0.43, T 3.5", lost(0.2, 2.0), 2026113085),
+        ("neutral", whole, 2026113090),
+    ],
+    ids=["whole", "a fifth of the rows lost", "a fifth lost, 2 s at a time", "neutral"],
+)
+def test_in_gusts_and_waves_the_intervals_hold_the_truth(name: str, damage: Damage, first: int) -> None:
+    plant, sea, inside = PLANT[name], SEA["gusts and waves"], []
+    for seed in range(first, first + 5):
+        tables = [damage(zigzags(plant, sea, [seed], side)[0], np.random.default_rng([seed, 7])) for side in (1, -1)]
+        ratios = identify([run_from_columns("zigzag.csv", table) for table in tables], QUESTION).ratios
         assert ratios is not None
         truth = (plant.a, plant.b, plant.d, plant.e)
         inside += [
@@ -276,6 +292,26 @@ def test_a_compass_and_a_gyro_of_other_times_are_brought_together(which: str, la
         off = getattr(found.model, name) - getattr(prompt.model, name)
         assert abs(off) < (prompt.standard_errors[name] or 0.0)
     assert found.train.delay == pytest.approx(max(-by, 0.0), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [whole, lost(0.2, 0.0), lost(0.2, 2.0), blank(0.8, ("heading_rad",), 0.0)],
+    ids=["whole", "a fifth of the rows lost", "a fifth lost, 2 s at a time", "a heading in five"],
+)
+@pytest.mark.parametrize("which", ["heading_rad", "yaw_rate_rad_s"])
+def test_how_late_an_instrument_is_shows_in_spite_of_lost_rows(which: str, damage: Damage) -> None:
+    sea, side = SEA["gusts and waves"]._replace(gyro_deg_s=0.1), 1 if which == "heading_rad" else -1
+    for seed, table in enumerate(zigzags(PLANT["K 0.43, T 3.5"], sea, list(range(2026113095, 2026113100)), 1)):
+        for rows in (0, 1, 3, 5):
+            values = np.concatenate([np.full(rows, table[which][0]), table[which][: table[which].size - rows]])
+            damaged = damage({**table, which: values}, np.random.default_rng(seed))
+            late = compass_late(run_from_columns("late.csv", damaged).segments)
+            if rows == 0:
+                assert late is None
+            else:
+                # half of a sample
+                assert late is not None and late.by == pytest.approx(side * 0.1 * rows, abs=0.05)
 
 
 def test_a_late_compass_of_a_log_is_in_the_new_vessel_file(tmp_path: Path) -> None:
