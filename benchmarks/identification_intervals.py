@@ -1,12 +1,13 @@
 """How often the 95 % intervals of `autopilot identify` hold the truth, on boats of an independent simulator.
 
     python benchmarks/identification_intervals.py [--seeds 100] [--first-seed 0 | --today] [--plant NAME] [--sea NAME]
-                                                  [--fit-rudder delay]
+                                                  [--fit-rudder delay] [--orders HZ]
 
 A pair of 20/20 zigzags to either side, 10 Hz (`independent_boat.py`, which imports nothing of the project). For each
 plant and sea: in how many of 100 the interval holds the truth, median error and scatter [% of the truth; n0 and e in
 % of K and a times a degree of rudder], and in how many there was an answer. K and T count where they are determined: of
-so many, where that is not in all. --today draws seeds from the date.
+so many, where that is not in all. --today draws seeds from the date. --orders: the rudder is a quick servo's, known by
+its orders alone, of which so many a second are reported.
 """
 
 from __future__ import annotations
@@ -18,13 +19,16 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from independent_boat import SPEED_M_S, Plant, Sea, zigzags
+from independent_boat import FINE_S, SPEED_M_S, FloatArray, Plant, Sea, zigzags
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
 from autopilot.identification.interval import interval_of
-from autopilot.identification.runs import run_from_columns
+from autopilot.identification.runs import Run, run_from_columns
+from autopilot.logs.series import HEADING, RATE, SHARE, SPEED, Recording, Series
+from autopilot.logs.table import RudderSettings, table_of
+from autopilot.models.steering_gear import SteeringGear
 from autopilot.report.identification import undetermined
 
 PLANTS = (
@@ -65,12 +69,33 @@ def estimates_of(found: Identified) -> dict[str, tuple[float, float | None]]:
     return result
 
 
-def row(plant: Plant, sea: Sea, seeds: Sequence[int], train: tuple[str, ...]) -> str:
-    """Return the line of one plant and sea."""
-    pairs = zip(zigzags(plant, sea, list(seeds), 1), zigzags(plant, sea, list(seeds), -1), strict=True)
+def reported(table: dict[str, FloatArray], hz: float, seed: int, gear: SteeringGear | None = None) -> Run:
+    """Return the run of a log that has the servo's orders, so many of them a second, in place of the rudder; gear: that
+    of the boat's file."""
+    at = np.arange(np.random.default_rng([seed, 99]).uniform(0.0, 1.0 / hz), table["time_s"][-1], 1.0 / hz)
+    shares = Series(SHARE, "servo", at, table["order_rad"][(at / FINE_S).astype(int)] / FULL_RAD)
+    series = [Series(name, "log", table["time_s"], table[name]) for name in (HEADING, RATE, SPEED) if name in table]
+    recording = Recording("log", "zigzag", (*series, shares))
+    log = table_of(recording, RudderSettings(at_full=FULL_RAD, gear=gear), between_motions=True)
+    return run_from_columns("log", log.columns)._replace(rudder=log.rudder)
+
+
+FULL_RAD, SERVO_DEG_S = math.radians(30.0), 300.0
+"""Rudder at full steering, and the rate of the servo behind it."""
+
+
+def row(plant: Plant, sea: Sea, seeds: Sequence[int], train: tuple[str, ...], hz: float = 0.0) -> str:
+    """Return the line of one plant and sea; hz: how many orders a second are reported, 0: the rudder is measured."""
+    boat = plant._replace(rudder_rate_deg_s=SERVO_DEG_S) if hz > 0.0 else plant
+    starboard, port = (zigzags(boat, sea, list(seeds), side, with_orders=hz > 0.0) for side in (1, -1))
     truth, answers, refused, began = truth_of(plant), [], 0, time.process_time()
-    for tables in pairs:
-        runs = [run_from_columns(f"{side}.csv", table) for side, table in zip(("s", "p"), tables, strict=True)]
+    for seed, *tables in zip(seeds, starboard, port, strict=True):
+        if hz > 0.0:
+            runs = [
+                reported(table, hz, 2 * seed + side)._replace(source="sp"[side]) for side, table in enumerate(tables)
+            ]
+        else:
+            runs = [run_from_columns(f"{side}.csv", table) for side, table in zip(("s", "p"), tables, strict=True)]
         try:
             answers.append(estimates_of(identify(runs, Question(reference_speed=SPEED_M_S, rudder_train=train))))
         except InputError:
@@ -103,6 +128,7 @@ def main() -> None:
     parser.add_argument("--plant", action="append", choices=[plant.name for plant in PLANTS], help="default: all")
     parser.add_argument("--sea", action="append", choices=[sea.name for sea in SEAS], help="default: all")
     parser.add_argument("--fit-rudder", default="", metavar="LIST")
+    parser.add_argument("--orders", type=float, default=0.0, metavar="HZ")
     options = parser.parse_args()
     first = datetime.date.today().toordinal() * 1000 if options.today else options.first_seed
     train = tuple(name for name in options.fit_rudder.split(",") if name)
@@ -111,7 +137,7 @@ def main() -> None:
     for plant in PLANTS:
         for sea in SEAS:
             if plant.name in (options.plant or [plant.name]) and sea.name in (options.sea or [sea.name]):
-                print(row(plant, sea, range(first, first + options.seeds), train), flush=True)
+                print(row(plant, sea, range(first, first + options.seeds), train, options.orders), flush=True)
 
 
 if __name__ == "__main__":

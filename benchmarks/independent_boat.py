@@ -52,16 +52,17 @@ class Sea(NamedTuple):
 
 
 def zigzags(
-    plant: Plant, sea: Sea, seeds: list[int], side: int, angle_deg: float = 20.0
+    plant: Plant, sea: Sea, seeds: list[int], side: int, angle_deg: float = 20.0, with_orders: bool = False
 ) -> list[dict[str, FloatArray]]:
-    """Return a 20/20 zigzag for each seed, the rudder put over to `side` (+1 starboard) first: columns in SI units."""
+    """Return a 20/20 zigzag for each seed, the rudder put over to `side` (+1 starboard) first: columns in SI units, if
+    asked for with `order_rad`, what was ordered of the rudder in each step of FINE_S."""
     count, steps = len(seeds), round(plant.seconds / FINE_S)
     randoms = [np.random.default_rng([seed, 0 if side > 0 else 1]) for seed in seeds]
     pushes = np.array([_pushes(sea, random, steps) for random in randoms])
     angle, rate_max = math.radians(angle_deg), math.radians(plant.rudder_rate_deg_s) * FINE_S
     order = np.full(count, side * angle)
     psi, r, rudder = np.zeros(count), np.zeros(count), np.zeros(count)
-    rows = np.empty((count, steps // EVERY, 3))
+    rows, orders = np.empty((count, steps // EVERY, 3)), np.empty((count, steps))
 
     def turning(rate: FloatArray, angle_: FloatArray) -> FloatArray:
         return plant.a * angle_ - (plant.b + plant.d * rate * rate) * rate - plant.e
@@ -69,7 +70,7 @@ def zigzags(
     for i in range(steps):
         if i % EVERY == 0:
             rows[:, i // EVERY] = np.stack([psi, r, rudder], axis=1)
-        order = np.where(psi * np.sign(order) >= angle, -order, order)
+        order = orders[:, i] = np.where(psi * np.sign(order) >= angle, -order, order)
         moved = np.clip(rudder + np.clip(order - rudder, -rate_max, rate_max), -0.61, 0.61)
         begin, end = rudder + pushes[:, i], moved + pushes[:, i]
         middle, h = 0.5 * (begin + end), FINE_S
@@ -80,7 +81,10 @@ def zigzags(
         psi = psi + h * (r + h / 6.0 * (k1 + k2 + k3))
         r = r + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         rudder = moved
-    return [_recorded(row, sea, random) for row, random in zip(rows, randoms, strict=True)]
+    tables = [_recorded(row, sea, random) for row, random in zip(rows, randoms, strict=True)]
+    if with_orders:
+        tables = [{**table, "order_rad": order} for table, order in zip(tables, orders, strict=True)]
+    return tables
 
 
 class Boat(NamedTuple):

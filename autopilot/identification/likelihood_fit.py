@@ -24,6 +24,7 @@ from autopilot.identification.likelihood_record import (
     Surroundings,
     beside_of,
     blur_of,
+    blurred,
     instruments,
     record_of,
     rudder_on,
@@ -170,7 +171,8 @@ def likelihood_fit(
     scale = scales(segments, guess, form.power)
     around: RaceAndWind | DriveLaw | None = None if surroundings is None else surroundings.start
     wind = around if isinstance(around, RaceAndWind) else None
-    record = record._replace(blur=blur_of(segments, scale.a, reference_speed, form, wind))
+    blur = blur_of(segments, scale.a, reference_speed, form, wind)
+    record = blurred(record, blur, scale.a)
     gyro, compass = instruments(segments)
     gust = scale.a * math.radians(0.3)
     calm = usual = Weather(gust, GUST_TIME_S, 0.3 * gust, gyro, compass)
@@ -189,7 +191,7 @@ def likelihood_fit(
     if record.nodes > LONG or len(starts) > 1:
         parted = [_liveliest(segment) for segment in segments] if record.nodes > LONG else segments
         part = record_of(parted, reference_speed, memory, form) if record.nodes > LONG else record
-        part = part._replace(blur=record.blur)
+        part = blurred(part, blur, scale.a)
         on_part = beside(part, parted)
         rough = [Space(part, rates, calm, behind, parts, scale, on_part) for rates, behind in starts]
         ends = [approached(each, each.start) for each in rough if math.isfinite(each.keep(each.start))]

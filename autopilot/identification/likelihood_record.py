@@ -83,8 +83,10 @@ class Record(NamedTuple):
     and heading [rad], shape (N,), 0 where not measured, and how many samples each is the mean of. scales: at the
     speed of each substep, shape (S, M); push [rad/s^2]: what else is known to turn the boat there, likewise; power:
     `Form.power`. edges: per segment the times [s] of the substeps' ends; paths: its rudder. rough: by how much gusts
-    are stronger at each node than in all, shape (N,). blur [rad^2/s^3]: the white push that noise left in
-    rudder, speed and wind makes. smoothed [rad/s]: what a smoothed rate is off the model's besides (`smoothing_of`).
+    are stronger at each node than in all, shape (N,). moments [rad^2 s]: the white noise in the rudder that the unknown
+    moments of its orders are worth, shape (M,). blur [rad^2/s^3]: the white push that noise left in rudder, speed and
+    wind makes, in all or in each step. smoothed [rad/s]: what a smoothed rate is off the model's besides
+    (`smoothing_of`). usual_step [s]: the median one.
     """
 
     begin: IntArray
@@ -100,8 +102,10 @@ class Record(NamedTuple):
     edges: tuple[FloatArray, ...]
     paths: tuple[tuple[FloatArray, FloatArray], ...]
     rough: FloatArray
-    blur: float = 0.0
+    moments: FloatArray
+    blur: FloatArray | float = 0.0
     smoothed: float = 0.0
+    usual_step: float = math.nan
 
     def segment_of(self, nodes: IntArray) -> IntArray:
         """Return in which segment nodes lie."""
@@ -182,8 +186,21 @@ def record_of(
         tuple(edges),
         tuple(paths),
         np.ones(at),
+        _moments(segments, edges, substeps, step) * (ratio * ratio).mean(axis=0) ** 2,
         smoothed=smoothing_of(segments),
+        usual_step=float(np.median(step)),
     )
+
+
+def _moments(segments: Sequence[Segment], edges: Sequence[FloatArray], substeps: int, step: FloatArray) -> FloatArray:
+    """Return `Record.moments`, the flow past the rudder left out."""
+    grown = [
+        np.diff(np.interp(edge[::substeps], segment.time, segment.moments))
+        if segment.moments.size
+        else np.zeros((edge.size - 1) // substeps)
+        for segment, edge in zip(segments, edges, strict=True)
+    ]
+    return np.asarray(np.concatenate(grown) / step)
 
 
 def smoothing_of(segments: Sequence[Segment]) -> float:
@@ -323,6 +340,11 @@ def blur_of(
     return total / lasts if lasts > 0.0 else 0.0
 
 
+def blurred(record: Record, blur: float, gain: float) -> Record:
+    """Return the record with its `blur`, and what its orders' moments are worth for a boat of such a `gain` [1/s^2]."""
+    return record._replace(blur=blur + gain**2 * record.moments)
+
+
 LARGEST_RUDDER_NOISE = np.radians(0.5)
 """No rudder sensor that works is noisier [rad]."""
 SMOOTH_WITHIN_S = 0.2
@@ -395,9 +417,15 @@ def _averaged(segment: _Motion, apart: int, together: int) -> tuple[FloatArray, 
 
 def rudder_on(record: Record, train: RudderTrain = DIRECT) -> tuple[FloatArray, FloatArray]:
     """Return mean and rise [rad] of the rudder over each substep, shape (S, M) each, behind `train`."""
+    mean, rise, _ = moved_on(record, train)
+    return mean, rise
+
+
+def moved_on(record: Record, train: RudderTrain) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what `rudder_on` does, and by how much the rudder's speed [rad/s] rises over each substep."""
     parts = [means_behind(train, *path, edges) for edges, path in zip(record.edges, record.paths, strict=True)]
-    means, rises = zip(*parts, strict=True)
-    return _by_substep(means, record.substeps), _by_substep(rises, record.substeps)
+    mean, rise, bend = (_by_substep(each, record.substeps) for each in zip(*parts, strict=True))
+    return mean, rise, bend
 
 
 def _by_substep(parts: Sequence[FloatArray], substeps: int) -> FloatArray:

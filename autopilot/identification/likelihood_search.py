@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from autopilot.identification.likelihood_record import WIDE, Beside, IntArray, Record, rudder_on
+from autopilot.identification.likelihood_record import WIDE, Beside, IntArray, Record, moved_on, rudder_on
 from autopilot.identification.marginal_likelihood import (
     Path,
     Rates,
@@ -176,7 +176,7 @@ class Space:
         self.path = begin_path(record)
         if weather.wave > 0.0:
             self.path = np.concatenate([self.path, np.zeros((record.nodes, 2))], axis=1)
-        self.rudder = rudder_on(record, train)
+        self._moved = train, moved_on(record, train)
         first = [getattr(start, name) / getattr(scale, name) for name in RATE_NAMES]
         rest = [math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in self.logs]
         own = [self.priors[name].middle for name in self.strengths]
@@ -223,11 +223,16 @@ class Space:
             total += self.priors[name].loss(value)
         return float(total)
 
+    def _behind(self, train: RudderTrain) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return `moved_on` the record; behind the latest train it is remembered."""
+        if train != self._moved[0]:
+            self._moved = train, moved_on(self.record, train)
+        return self._moved[1]
+
     def found(self, z: FloatArray, rounds: int = 12) -> Path:
         """Return path and loss at the vector, the search beginning at the latest best path."""
         rates, weather, train = self.opened(z)
-        rudder = rudder_on(self.record, train) if self.parts else self.rudder
-        path = best_path(rates, weather, self.record_at(z), rudder, self.path, rounds)
+        path = best_path(rates, weather, self.record_at(z), self._behind(train)[:2], self.path, rounds)
         return path._replace(loss=path.loss + self.before(z))
 
     def slope(self, z: FloatArray, boat_only: bool = False, informed: bool = True, whole: bool = False) -> Slope:
@@ -241,7 +246,7 @@ class Space:
             return math.inf, slope, np.eye(z.size if whole else len(self.boat))
         self.path = path.states
         rates, weather, train = self.opened(z)
-        rudder = rudder_on(self.record, train) if self.parts else self.rudder
+        rudder = self._behind(train)[:2]
         record = self.record_at(z)
         noise = noise_of(weather, record)
         try:
@@ -281,7 +286,7 @@ class Space:
         if path.factor is None:
             return [-math.inf] * len(rudders)
         rates, weather, train = self.opened(z)
-        now, record = rudder_on(self.record, train) if self.parts else self.rudder, self.record_at(z)
+        now, record = self._behind(train)[:2], self.record_at(z)
         noise = noise_of(weather, record)
         held = held_at(path, rates, record, noise)
         changes = [(mean - now[0], rise - now[1]) for mean, rise in rudders]
@@ -307,6 +312,13 @@ class Space:
         """Return how mean and rise of the rudder change with each part of its way that is searched for."""
         changes = []
         for name in self.parts:
+            if name == "delay":
+                # a rudder later by a moment stands where it was, and moves as it did, that moment before
+                train = self.opened(z)[2]
+                _, rise, bend = self._behind(train)
+                step = self.record.step / self.record.substeps
+                changes.append((-train.delay * rise / step, -train.delay * bend))
+                continue
             beside = []
             for by in (NEXT, -NEXT):
                 at = z.copy()
@@ -325,15 +337,15 @@ class Space:
         record, moments = held.record, moments_of(held)
         worth = worth_of(moments, noise)
         M, segments = record.step.size, record.first.size
-        driven = 2.0 * M - worth.driven
+        driven = 2.0 - worth.driven
         by_seen = noise.by_instrument * (1.0 if record.headings_known else noise.by_gyro)
         slopes = {
             "gust": M + segments - worth.gust - float(worth.first[2]),
-            "white": driven * noise.by_white,
+            "white": float(driven @ noise.by_white),
             "gyro": noise.by_gyro * (record.rates_known - worth.gyro),
             "compass": record.headings_known - worth.compass,
         }
-        slopes["compass" if record.headings_known else "gyro"] += driven * by_seen
+        slopes["compass" if record.headings_known else "gyro"] += float(driven @ by_seen)
         if noise.wave is not None:
             slopes["wave"] = 2.0 * (M + segments) - waves_worth(moments, noise.wave) - float(worth.first[3:].sum())
         shapes = [name for name in ("wave_frequency", "wave_damping") if name in self.names]
@@ -359,7 +371,7 @@ class Space:
             gyro, compass = noise.by_gyro * float(name == "gyro"), float(name == "compass")
             if name in ("white", "gyro", "compass"):
                 by_seen = noise.by_instrument * (gyro if name == "gyro" else 1.0)
-                driven = noise.by_white if name == "white" else by_seen if name == sees else 0.0
+                driven: FloatArray | float = noise.by_white if name == "white" else by_seen if name == sees else 0.0
                 found.append(Offset(driven, gyro, compass, no_gust, no_waves, still))
                 continue
             (less, gone), (more, there) = (self._weather_beside(z, i, by) for by in (-NEXT, NEXT))

@@ -158,7 +158,8 @@ class StepNoise(NamedTuple):
     (rate, rate), gust. initial: 1/variance of the states where each segment begins, shape (segments, D). gyro, compass:
     1/variance of what was measured at each node, 0 where nothing was. keep: of the gust, shape (M,). wave: transition
     of the waves, inverse of what drives them, and both products that the curvature needs, each of shape (4, M) by rows.
-    by_instrument, by_white: shares of the white push that go with the instruments' noise, and with the weather's.
+    by_instrument, by_white: shares of the white push of each step that go with the instruments' noise, and with the
+    weather's, shape (M,).
     pushing: which of the states push the boat. by_gyro: share of what is off in rates that goes with the gyro's noise.
     """
 
@@ -172,8 +173,8 @@ class StepNoise(NamedTuple):
     keep: FloatArray
     wave: WaveNoise | None
     constant: float
-    by_instrument: float
-    by_white: float
+    by_instrument: FloatArray
+    by_white: FloatArray
     pushing: tuple[int, ...] = (GUST,)
     by_gyro: float = 1.0
 
@@ -181,12 +182,12 @@ class StepNoise(NamedTuple):
 def noise_of(weather: Weather, record: Record) -> StepNoise:
     h = record.step
     # of less the curvature would lose the instruments in its last digits
-    least = 12.0 * np.median(h) ** -3.0 * _least_seen(weather, record) / WORST_RATIO
-    q = weather.white**2 + least + record.blur
+    least = 12.0 * record.usual_step**-3.0 * _least_seen(weather, record) / WORST_RATIO
+    q = weather.white**2 + least + record.blur * np.ones_like(h)
     # the inverse of [[h^3/3, h^2/2], [h^2/2, h]] q
     per = 1.0 / (q * h)
     keep, gust = gust_noise(weather, record)
-    logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + h.size * 2.0 * math.log(q) - h.size * math.log(12.0)
+    logs = float(4.0 * np.log(h).sum() - np.log(gust).sum()) + 2.0 * np.log(q).sum() - h.size * math.log(12.0)
     initial, wave = first_states(weather, record), None
     logs -= float(np.log(initial[:, GUST:]).sum())
     if weather.wave > 0.0:
@@ -233,7 +234,7 @@ def _least_seen(weather: Weather, record: Record) -> float:
     """Return the variance [rad^2] of what is measured of the heading in a step."""
     if record.headings_known:
         return weather.compass**2
-    return (math.hypot(weather.gyro, record.smoothed) * float(np.median(record.step))) ** 2
+    return (math.hypot(weather.gyro, record.smoothed) * record.usual_step) ** 2
 
 
 WORST_RATIO = 1.0e10

@@ -324,10 +324,10 @@ def moments_of(held: Held) -> Moments:
 
 
 class Worth(NamedTuple):
-    """What the moments are worth in F, twice: of what drives heading and rate, of gusts, gyro and compass, and of the
-    first states, shape (D,)."""
+    """What the moments are worth in F, twice: of what drives heading and rate in each step, shape (M,), of gusts, gyro
+    and compass, and of the first states, shape (D,)."""
 
-    driven: float
+    driven: FloatArray
     gust: float
     gyro: float
     compass: float
@@ -338,7 +338,7 @@ def worth_of(moments: Moments, noise: StepNoise) -> Worth:
     """Return what the moments are worth, those of waves left out."""
     hh, hr, rr = moments.driven
     return Worth(
-        float(noise.angle @ hh + 2.0 * (noise.cross @ hr) + noise.rate @ rr),
+        noise.angle * hh + 2.0 * (noise.cross * hr) + noise.rate * rr,
         float(gust_worth(moments, noise.keep, noise.gust).sum()),
         float(noise.gyro @ moments.gyro),
         float(noise.compass @ moments.compass),
@@ -396,7 +396,7 @@ class Offset(NamedTuple):
     segments begin, shape (S, D). Changes of a size count as shares of it, those of how a state goes on divided by
     sqrt(2)."""
 
-    driven: float
+    driven: FloatArray | float
     gyro: float
     compass: float
     gust: FloatArray

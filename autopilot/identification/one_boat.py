@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from autopilot.identification.likelihood_fit import LikelihoodFit, likelihood_fit, memory_of, scales
-from autopilot.identification.likelihood_record import record_of
+from autopilot.identification.likelihood_record import blur_of, blurred, record_of
 from autopilot.identification.likelihood_search import RATE_NAMES, Space, inverse
 from autopilot.identification.runs import FloatArray, Run, Segment
 
@@ -170,6 +170,7 @@ def _part(found: LikelihoodFit, number: int, half: int, segments: tuple[Segment,
     scale = scales(segments, found.rates, found.form.power)
     if not min(scale) > 0.0:
         return None  # the rudder never moves
+    record = blurred(record, blur_of(segments, scale.a, speed, found.form, None), scale.a)
     space = Space(record, found.rates, found.weather, found.train, tuple(found.train_errors), scale)
     loss, slope, known = space.slope(space.start, boat_only=True)
     if not (math.isfinite(loss) and np.isfinite(known).all()):

@@ -126,8 +126,9 @@ def following(
 
 def means_behind(
     train: RudderTrain, time: FloatArray, rudder: FloatArray, edges: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and rise [rad] between increasing `edges` [s] of the rudder that turns the boat, one less than edges.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean and rise [rad] between increasing `edges` [s] of the rudder that turns the boat, and by how much its
+    speed [rad/s] rises, one less than edges.
 
     time and rudder as for `behind_train`. Exact for straight lines between the path's points, of which there may be
     many more than edges: from lag x' + x = u the integral of x is that of u less lag times what x rises by.
@@ -140,15 +141,22 @@ def means_behind(
     slope = (taken[left + 1] - angle) / (time[left + 1] - time[left])
     slope[since < 0.0] = 0.0
     direct = angle + slope * since
-    span, rise = np.diff(edges), np.diff(direct)
-    mean = np.diff(area[left] + 0.5 * (angle + direct) * since) / span
+    span, rise, bend = (values[1:] - values[:-1] for values in (edges, direct, slope))
+    turned = area[left] + 0.5 * (angle + direct) * since
+    mean = (turned[1:] - turned[:-1]) / span
     if train.lag < SHORTEST_LAG_S and train.lead == 0.0:
-        return np.asarray(mean), np.asarray(rise)
+        return mean, rise, bend
     lag = max(train.lag, SHORTEST_LAG_S)
-    behind = _lagged(lag, time, taken)[left] - angle + slope * lag
-    lagged_rise = np.diff(direct - slope * lag + np.exp(-np.maximum(since, 0.0) / lag) * behind)
+    behind = np.exp(-np.maximum(since, 0.0) / lag) * (_lagged(lag, time, taken)[left] - angle + slope * lag)
+    lagged = direct - slope * lag + behind
+    lagged_rise = lagged[1:] - lagged[:-1]
+    lagged_bend = bend - (behind[1:] - behind[:-1]) / lag
     lagged_mean, ahead = mean - lag * lagged_rise / span, train.lead / lag
-    return lagged_mean + ahead * (mean - lagged_mean), lagged_rise + ahead * (rise - lagged_rise)
+    return (
+        lagged_mean + ahead * (mean - lagged_mean),
+        lagged_rise + ahead * (rise - lagged_rise),
+        lagged_bend + ahead * (bend - lagged_bend),
+    )
 
 
 def _play(dead_band: float, rudder: FloatArray) -> FloatArray:

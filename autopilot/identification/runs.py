@@ -276,6 +276,9 @@ GAP_SHORTEST_S = 0.5
 
 AROUND = ("propeller_rps", "wind_speed_m_s", "wind_direction_rad")
 
+MOMENTS = "moments_rad2_s2"
+"""The column of `Segment.moments`."""
+
 SHORTEST_SEGMENT_SAMPLES = 8
 """Shorter stretches between gaps tell less than their own initial state costs."""
 
@@ -293,7 +296,9 @@ class Segment(NamedTuple):
     time [s] strictly increasing; heading [rad] unwrapped, nan where not measured; rate [rad/s], nan where not
     measured; rudder [rad] and speed [m/s], finite throughout. propeller [1/s], and of the apparent wind Ua from
     direction g off the bow beam_wind Ua^2 sin g and quarter_wind Ua^2 sin 2g [m^2/s^2]: finite throughout, empty
-    where the recording has none.
+    where the recording has none. moments [rad^2 s^2]: of a rudder known by reports of its orders, the variance of its
+    integral over time, since any moment before, for nobody knows when between two reports an order came; empty where
+    the rudder is known throughout.
     """
 
     time: FloatArray
@@ -304,6 +309,7 @@ class Segment(NamedTuple):
     propeller: FloatArray = NOTHING
     beam_wind: FloatArray = NOTHING
     quarter_wind: FloatArray = NOTHING
+    moments: FloatArray = NOTHING
 
 
 RudderOrigin = Literal["measured", "estimated", "ordered"]
@@ -404,7 +410,7 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     rudder, rudder_known = _bridge(time, columns["rudder_rad"])
     speed, speed_known = _bridge(time, columns["speed_m_s"])
     around = _around(time, {name: values for name, values in columns.items() if name in AROUND})
-    table = Segment(time, heading, rate, rudder, speed, *around)
+    table = Segment(time, heading, rate, rudder, speed, *around, columns.get(MOMENTS, NOTHING))
     segments = [
         _tidy(_rows(table, part))
         for stretch in _stretches(time, rudder_known & speed_known)

@@ -28,7 +28,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.files.saving import why_not, write_new
-from autopilot.identification.runs import Orders, RudderOrigin, gap_limit
+from autopilot.identification.runs import MOMENTS, Orders, RudderOrigin, gap_limit
 from autopilot.links.mavlink.steering import LONGEST_US, SHORTEST_US
 from autopilot.logs.series import (
     ANGLES,
@@ -172,11 +172,13 @@ class RudderSettings(NamedTuple):
 
 
 class FoundRudder(NamedTuple):
-    """The rudder [rad] of a recording, where it comes from in words, and what it is."""
+    """The rudder [rad] of a recording, where it comes from in words, and what it is. moments: `Segment.moments` of it,
+    where it is known by reports of its orders."""
 
     series: Series
     words: str
     origin: RudderOrigin
+    moments: Series | None = None
 
 
 def rudder_of(recording: Recording, settings: RudderSettings) -> FoundRudder | None:
@@ -208,8 +210,9 @@ def _by_choice(recording: Recording, settings: RudderSettings, choice: str) -> F
             f"{recording.source}: the rudder is known as a share of its full angle ({shares.source}), not as an angle; "
             "give --vessel FILE, or the angle at full steering with --rudder-at-full-deg."
         )
-    angles = shares._replace(values=shares.values * settings.at_full)
-    return _moved(angles if settings.gear is None else _between_reports(angles), settings.gear, "by")
+    angles, gear = shares._replace(values=shares.values * settings.at_full), settings.gear
+    found = _moved(angles if gear is None else _between_reports(angles, gear), gear, "by")
+    return found._replace(moments=_unknown_moments(angles, gear))
 
 
 def _measured(recording: Recording, with_estimate: bool) -> FoundRudder | None:
@@ -243,18 +246,50 @@ def _moved(orders: Series, gear: SteeringGear | None, word: str) -> FoundRudder:
     return FoundRudder(through_gear(orders, gear), f"{how}, through the steering gear of the vessel file", "ordered")
 
 
-def _between_reports(orders: Series) -> Series:
-    """Return orders that were looked at now and then, at every GEAR_STEP_S in straight lines between the reports.
+def _between_reports(orders: Series, gear: SteeringGear) -> Series:
+    """Return orders that were looked at now and then, at every GEAR_STEP_S between the reports.
 
     A change is seen at the first report after it, half a spacing late on average; a straight line from the report
-    before is right on average.
+    before is right on average. What changes by more than the gear does in that time jumps half way: on a line the gear
+    would begin with the report before, whenever the order came.
     """
-    pauses = np.flatnonzero(np.diff(orders.time) > max(LONGEST_HOLD_S, 5.0 * orders.spacing)) + 1
+    spacing, change = np.diff(orders.time), np.diff(orders.values)
+    jumps = np.flatnonzero(np.abs(change) > gear.rate_max * spacing)
+    middle = orders.time[jumps] + 0.5 * spacing[jumps]
+    moments = np.concatenate([orders.time, middle - JUMP_S, middle + JUMP_S])
+    place = np.argsort(moments)
+    known = np.concatenate([orders.values, orders.values[jumps], orders.values[jumps + 1]])[place]
+    pauses = np.flatnonzero(spacing > max(LONGEST_HOLD_S, 5.0 * orders.spacing)) + 1
     stretches = np.split(orders.time, pauses)
     times = np.concatenate(
         [np.arange(part[0], max(part[-1], part[0] + GEAR_STEP_S), GEAR_STEP_S) for part in stretches]
     )
-    return orders._replace(time=times, values=np.interp(times + 0.5 * GEAR_STEP_S, orders.time, orders.values))
+    return orders._replace(time=times, values=np.interp(times + 0.5 * GEAR_STEP_S, moments[place], known))
+
+
+JUMP_S = 1.0e-6
+"""Half of how long a jump lasts."""
+
+
+def _unknown_moments(orders: Series, gear: SteeringGear | None) -> Series:
+    """Return `Segment.moments` of a rudder behind orders [rad] that were looked at now and then.
+
+    An order that jumps by D at a moment uniform in the time h between two reports is worth D (moment - h/2) in the
+    rudder's integral beside the line that is right on average: a variance of D^2 h^2/12. So is, on average, an order
+    that walks from one report to the other (Brownian bridge). It comes about while the order may jump, and while the
+    gear goes over behind it.
+    """
+    spacing, change = np.diff(orders.time), np.abs(np.diff(orders.values))
+    seen = (spacing <= max(LONGEST_HOLD_S, 5.0 * orders.spacing)) & (change > 0.0)
+    begin, h, jump = orders.time[:-1][seen], spacing[seen], change[seen]
+    late, over = (0.0, 0.0 * jump) if gear is None else (gear.delay, jump / gear.rate_max)
+    lasts = h + over
+    grows = jump**2 * h**2 / 12.0 / lasts
+    times = np.concatenate([begin, begin + lasts]) + late
+    place = np.argsort(times, kind="stable")
+    times, speed = times[place], np.cumsum(np.concatenate([grows, -grows])[place])
+    total = np.concatenate([[0.0, 0.0], np.cumsum(speed[:-1] * np.diff(times))])[: times.size + 1]
+    return orders._replace(quantity=MOMENTS, time=np.concatenate([orders.time[:1], times]), values=total)
 
 
 def through_gear(orders: Series, gear: SteeringGear) -> Series:
@@ -308,7 +343,8 @@ class Table(NamedTuple):
 def table_of(recording: Recording, settings: RudderSettings, *, between_motions: bool = False) -> Table:
     """Return the recording as a table. Raises InputError where it has neither heading nor yaw rate.
 
-    between_motions: where these come seldom, rows with the rudder alone stand between them.
+    between_motions: where these come seldom, rows with the rudder alone stand between them, and how far the moments of
+    orders are known has a column.
     """
     heading, rate = recording.best(HEADING), recording.best(RATE)
     motions = [series for series in (heading, rate) if series is not None]
@@ -325,6 +361,8 @@ def table_of(recording: Recording, settings: RudderSettings, *, between_motions:
         uses[series.quantity] = series.source
     if rudder is not None:
         columns[RUDDER], uses[RUDDER] = between(rudder.series, rows), rudder.words
+        if between_motions and rudder.moments is not None:
+            columns[MOMENTS] = np.interp(rows, rudder.moments.time, rudder.moments.values)
     for quantity in BESIDE:
         known = recording.best(quantity)
         if known is not None:
