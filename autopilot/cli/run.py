@@ -155,7 +155,8 @@ def run(arguments: argparse.Namespace) -> int:
     if listens:
         shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, MOB_HELP]
         shown += [SWING_HELP] * (vessel.drive.kind == "two_thrusters") + [LEARN_HELP] * arguments.learn  # fmt: skip
-        print("  ".join(shown), PATTERN_HELP, sep="\n")
+        skipper.help = f"{'  '.join(shown)}\n{PATTERN_HELP}"
+        print(skipper.help)
     elif sys.stdin is not None and is_pipe(sys.stdin):
         print(NOT_READ, flush=True)
 

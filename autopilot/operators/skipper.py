@@ -77,6 +77,7 @@ class Skipper:
         plotter, track, patterns, wind: who may lead: the chart plotter, the route, a turn pattern, the wind.
         swings: on one thruster; weak: the side of the one that stood still last, '' where none has.
         last_stop: when the pilot left the helm last, for all links.
+        help: what is answered to `h`.
         acknowledged: the names of alarms acknowledged since `Acknowledgements` looked last, "" for all that sound.
     """
 
@@ -84,7 +85,7 @@ class Skipper:
         self._rudder_max = rudder_max
         self._order = Order()
         self._adopt, self._beside = False, 0.0
-        self.quit = False
+        self.quit, self.help = False, HELP
         self.last_stop = LastStop()
         self.acknowledged: list[str] = []
         self.mission = mission
@@ -224,7 +225,7 @@ class Skipper:
         word, _, rest = line.strip().partition(" ")
         word = WHOLE_WORDS.get(word.lower(), word.lower())
         if word in ("", "?", "h"):
-            return HELP
+            return self.help
         if word == "q":
             self.quit = True
             return "leaving"

@@ -213,6 +213,8 @@ def test_orders_typed_slowly_under_a_running_status_line(tmp_path: Path) -> None
         at.until(r"ENGAGED  course 090  heading \d\d\d  rudder [+-]\d+\.\d measured")
         at.type("+10\r")
         at.until(r"course 100")
+        at.type("h\r")
+        at.until(r"tack, gybe: (.|\s)*p zigzag")
         lines = [re.sub(r"\x1b\[K", "", line) for line in re.split(r"[\r\n]+", at.shown)]
         status = [line for line in lines if re.match(r"(STANDBY|ENGAGED)  ", line)]
         assert len(status) > 5
