@@ -62,6 +62,8 @@ where travel has one price the best band goes with D^(1/3), that is B = sqrt(pi/
 sea. It grows with the sea and the noise, and spares the rudder the more the less there is to steer against. To a swing
 the play is much like the linear step, at a gain that is never more and with about its lag, so that the margins of the
 linear loop stand. A course-unstable boat leaves its course where the rudder rests, and is steered by the linear step.
+So is one whose steering moves nothing that wears: two thrusters that push with a difference. Its order is small, for a
+degree of it turns the boat by what ten of a rudder do, and a band of a tenth of one lets it swing by degrees.
 Source: Harrison and Taylor 1978 for the band of a Brownian motion; travel and B derived here.
 
 The regulator that holds a course: the linear-quadratic one with a weight on the rudder's rate, in closed form. A
@@ -173,20 +175,21 @@ def at_rest(gains: object, rudder: float) -> Rested:
 class BoundedGains(NamedTuple):
     """The gains in force, the largest heading error [rad] to which they answer in proportion, and how long [s] after an
     order the rudder is there; course: gains of the regulator that holds a course, NO_GAINS where these do, and its
-    largest error."""
+    largest error; play: whether the third step has it."""
 
     gains: BacksteppingGains
     error_max: float = math.inf
     ahead: float = 0.0
     course: BacksteppingGains = NO_GAINS
     course_error_max: float = math.inf
+    play: bool = True
 
 
 def on_course(bounded: BoundedGains) -> BoundedGains:
     """Return the gains that hold a course."""
     if bounded.course.smoothing == 0.0:
         return bounded
-    return BoundedGains(bounded.course, bounded.course_error_max, bounded.ahead, NO_GAINS, math.inf)
+    return BoundedGains(bounded.course, bounded.course_error_max, bounded.ahead, NO_GAINS, math.inf, bounded.play)
 
 
 RESOLVED = 1.0e-9
@@ -377,19 +380,19 @@ def bounded_gains(section: Backstepping, boat: LawBoat) -> BoundedGains:
     rate_max, ahead = boat.limits.rate_max, boat.gear.delay + boat.gear.lag
     error_max = error_max_of(boat.model, gains, rate_max)
     if section.course_rad_s == 0.0:
-        return BoundedGains(gains, error_max, ahead)
+        return BoundedGains(gains, error_max, ahead, play=boat.wears)
     course = lqr_gains(boat.model, section.course_rad_s)
-    return BoundedGains(gains, error_max, ahead, course, error_max_of(boat.model, course, rate_max))
+    return BoundedGains(gains, error_max, ahead, course, error_max_of(boat.model, course, rate_max), boat.wears)
 
 
 def bounded_gains_at(bounded: BoundedGains, speed_ratio: float) -> BoundedGains:
     """Return the gains and their bound at `speed_ratio` times the speed at which they hold: they go with the speed, as
     1/T does, so that a slow boat is not asked for a quick boat's accelerations."""
-    gains, error_max, ahead, course, course_max = bounded
+    gains, error_max, ahead, course, course_max, play = bounded
     gains, error_max = gains_at(gains, speed_ratio), error_max_at(error_max, speed_ratio)
     if course.smoothing > 0.0:
         course, course_max = gains_at(course, speed_ratio), error_max_at(course_max, speed_ratio)
-    return BoundedGains(gains, error_max, ahead, course, course_max)
+    return BoundedGains(gains, error_max, ahead, course, course_max, play)
 
 
 def in_proportion(bounded: BoundedGains, given: LawInput) -> float:
@@ -416,7 +419,7 @@ def step(bounded: BoundedGains, memory: Rested, given: LawInput) -> tuple[float,
         demand = backstepping_rudder(here, without_waves(given), given.reference.rate)
         return demand, Rested(demand, memory.variance, memory.seconds)
     wanted = regulated(kept, given)
-    if given.model.n1 < 0.0:
+    if given.model.n1 < 0.0 or not bounded.play:
         demand = smoothed_rudder(smoothing, wanted, given.last_rudder, given.dt)
         return demand, Rested(demand, memory.variance, memory.seconds)
     return played_rudder(smoothing, memory, wanted, given.last_rudder, given.dt)

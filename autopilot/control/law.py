@@ -23,12 +23,13 @@ if TYPE_CHECKING:
 
 class LawBoat(NamedTuple):
     """What a law's gains are worked out for: model at the speed of the trial, steering gear, what may be ordered of the
-    rudder, and the dead time [s] from measurement to rudder."""
+    rudder, the dead time [s] from measurement to rudder, and whether steering moves a gear that wears."""
 
     model: Norrbin
     gear: SteeringGear
     limits: RudderLimits
     delay: float
+    wears: bool = True
 
 
 class RollInput(NamedTuple):

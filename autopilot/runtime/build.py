@@ -83,7 +83,7 @@ def law_boat_of(vessel: Vessel) -> LawBoat:
     """Return what the gains of a law are worked out for."""
     gear = gear_of(vessel)
     delay = vessel.sensors.heading_latency_s + vessel.control.loop_delay_s + gear.delay
-    return LawBoat(model_of(vessel), gear, limits_of(vessel), delay)
+    return LawBoat(model_of(vessel), gear, limits_of(vessel), delay, not DRIVES[vessel.drive.kind].is_mixed)
 
 
 def law_of(vessel: Vessel, name: str | None = None) -> LawInForce:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import solve_continuous_are
-from steersman import asked
+from steersman import Steersman, asked
 
 from autopilot.control import sliding_heading
 from autopilot.control.backstepping import (
@@ -28,7 +29,10 @@ from autopilot.control.law import LawBoat
 from autopilot.control.limits import RudderLimits
 from autopilot.models.norrbin import Norrbin, damping, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear
-from autopilot.signals import Reference
+from autopilot.runtime.build import law_of, model_of
+from autopilot.runtime.tuning import GainRequest, designed
+from autopilot.signals import NavState, Reference
+from autopilot.vessel.file import load_vessel
 
 LANXIN = Norrbin(0.701, 0.332, 3.2828)
 BOAT = LawBoat(Norrbin(0.2, 5.0), SteeringGear(0.6, 0.3), RudderLimits(0.6, 0.3), 0.1)
@@ -189,3 +193,22 @@ def test_the_sliding_law_takes_positive_and_finite_gains(place: int, bad: float)
     gains[place] = bad
     with pytest.raises(ValueError, match="positive and finite"):
         sliding_heading.sliding_gains(sliding_heading.Sliding(*gains), BOAT)
+
+
+@pytest.mark.parametrize(("kind", "rests"), [("two_thrusters", False), ("outboard", True)])
+def test_a_gear_rests_between_small_errors_and_thrusters_do_not(kind: str, rests: bool) -> None:
+    """The difference of two thrusts wears nothing; a band about it lets a quick boat swing by degrees."""
+    shipped = load_vessel("twin_thruster")
+    vessel = designed(dataclasses.replace(shipped, drive=dataclasses.replace(shipped.drive, kind=kind)), GainRequest(5))
+    model = model_of(vessel)
+    law = Steersman(law_of(vessel, "backstepping"), model.reference_speed)
+    rudder, stood = 0.0, 0
+    for tick in range(1200):
+        off = math.radians(0.3) * math.sin(0.05 * tick)
+        now = law.update(
+            model, Reference(0.0), NavState(0.0, off, 0.0, model.reference_speed, 0.0, 0.0, 0.0, True), rudder, 0.05
+        )
+        stood += tick >= 600 and now == rudder
+        rudder = now
+    assert (stood > 100) is rests
+    assert rests or stood < 6
