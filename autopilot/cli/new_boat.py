@@ -37,6 +37,8 @@ SWINGS = 20.0
 """A 15/15 zigzag's period is about 4 (1/K + T): this many times 1/K + T are five of them."""
 ZIGZAG_S = (40.0, 1800.0)
 ZIGZAG_DEG, LARGER_DEG = 15.0, 20.0
+LARGER_MOST = 2
+"""Larger zigzags at most before the first hold decides."""
 CHECKED_DEG = 10.0
 NEAR_STOP_DEG = 5.0
 """The last step to an end stop that was only typed: no further is a rudder pressed against one that comes earlier."""
@@ -143,12 +145,8 @@ def _lasting(boat: Boat) -> float:
 
 def _zigzag_of(boat: Boat, angle: float, lasts: float, name: str) -> list[str]:
     options = ["--rudder-deg", f"{angle:g}", "--heading-deg", f"{angle:g}", "--duration", f"{math.ceil(lasts)}"]
-    return _trial(boat, "zigzag", options, name)
-
-
-def _trial(boat: Boat, kind: str, options: list[str], name: str) -> list[str]:
-    more = ["--at-least", "start", "--unidentified", "--log", boat.log(name)]
-    return ["trial", kind, str(boat.file), *boat.links, *options, *more]
+    options += ["--at-least", "start", "--unidentified", "--log", boat.log(name)]
+    return ["trial", "zigzag", str(boat.file), *boat.links, *options]
 
 
 def _identify(boat: Boat) -> list[str]:
@@ -163,28 +161,19 @@ def _known(boat: Boat) -> list[str]:
         raise InputError(f"{place}: not there; sail the zigzag first: autopilot new-boat {boat.file} --redo zigzag")
     # how thrust steers goes with the throttle: every zigzag counts
     if DRIVES[boat.vessel.drive.kind].usual.is_rudder:
-        beside = (boat.logs(_beside(boat, name)) for name in ("larger", "turns"))
-        used = [used[-1], *(logs[max(logs)] for logs in beside if logs)]
+        used = [used[-1], *boat.logs(_beside(boat)).values()]
     return ["identify", *map(str, used), "--vessel", str(boat.file), "--out", str(boat.file)]
 
 
-def _beside(boat: Boat, name: str) -> str:
-    """Return what a trial is called that is identified together with the newest zigzag."""
+def _beside(boat: Boat) -> str:
+    """Return what the larger zigzags are called that are identified together with the newest zigzag."""
     number = max(boat.logs("zigzag"))
-    return f"zigzag{f'-{number}' * (number > 1)}-{name}"
+    return f"zigzag{f'-{number}' * (number > 1)}-larger"
 
 
 def _larger(boat: Boat) -> list[str]:
     angle, lasts = min(LARGER_DEG, boat.vessel.rudder.angle_max_deg), min(2.0 * _lasting(boat), ZIGZAG_S[1])
-    return _zigzag_of(boat, angle, lasts, _beside(boat, "larger"))
-
-
-def _turns(boat: Boat) -> list[str]:
-    """Steady turns of two rudder angles tell whether the boat is course-stable, and how its damping grows."""
-    angle = min(LARGER_DEG, boat.vessel.rudder.angle_max_deg)
-    angles = ",".join(f"{each:g}" for each in (0.5 * angle, -0.5 * angle, angle, -angle))
-    options = ["--rudder-deg", angles, "--each", f"{math.ceil(0.25 * _lasting(boat))}"]
-    return _trial(boat, "turning", options, _beside(boat, "turns"))
+    return _zigzag_of(boat, angle, lasts, _beside(boat))
 
 
 def _gains(boat: Boat) -> list[str]:
@@ -275,7 +264,7 @@ STEPS = (
     Step(
         "identify",
         "your boat's model",
-        "The log is read. Where it tells too little, a larger zigzag and then turns are asked for, and read with it.",
+        "The log is read. Where it tells too little, a larger zigzag is asked for, and all are identified together.",
         _identify,
         "the first line says good, or good for a start",
         "a zigzag again: --redo zigzag; other trials that the first line asks for: sail them with autopilot trial, "
@@ -671,25 +660,19 @@ def _run(command: list[str], talk: Talk) -> int:
 
 
 def _look_again(boat: Boat, talk: Talk) -> int:
-    """Sail more where the zigzag tells too little, as the first line of `identify` asks, and identify all of it; return
-    the exit code.
+    """Sail larger zigzags where the first tells too little, and identify all of them; return the exit code.
 
     What is still not known, the first hold decides: a file is written where gains serve at both ends of what is open.
     """
     code = int(ExitCode.REFUSED)
-    for what, asks, sail in (
-        ("larger zigzag", "Sail a larger zigzag, to be identified with the first?", _larger),
-        (
-            "turns",
-            "Sail turns to both sides with two rudder angles too, as where the first line asks for them?",
-            _turns,
-        ),
-    ):
-        if code == ExitCode.REFUSED and talk.yes(asks):
-            if sailed := _run(sail(boat), talk):
-                print("\n".join([f"The {what}: not done; asked for again.", *_remedies(ZIGZAG)]), flush=True)
-                return sailed
-            code = _run(_identify(boat), talk)
+    for _ in range(LARGER_MOST):
+        again = " once more" if boat.logs(_beside(boat)) else ""
+        if code != ExitCode.REFUSED or not talk.yes(f"Sail a larger zigzag{again}, to be identified with the first?"):
+            break
+        if sailed := _run(_larger(boat), talk):
+            print("\n".join(["The larger zigzag is not done; it is asked for again.", *_remedies(ZIGZAG)]), flush=True)
+            return sailed
+        code = _run(_identify(boat), talk)
     if code == ExitCode.REFUSED and talk.yes(
         "Go on with what is known, where gains serve it? The first hold will show"
     ):

@@ -577,7 +577,7 @@ def reasons_of(ratios: Ratios, model: Norrbin, errors: dict[str, float | None]) 
         )
         why = (
             f"n1/T {b:.3g} +- {SURE_OF_IT * b_error:.2g} 1/s holds 0, so that the boat may be course-stable or not; "
-            f"these runs tell {known}; sail 20/20, then steady turns to both sides with two rudder angles."
+            f"these runs tell {known}; sail 20/20 once more, for twice as long."
         )
         return dict.fromkeys(("K", "T"), f"K and T: not determined: {why}")
     error = errors["n3"] or 0.0

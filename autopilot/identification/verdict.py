@@ -339,8 +339,8 @@ def _undetermined(found: Identified, doubts: Mapping[str, float], explained: flo
     if is_on_ridge:
         return Verdict(
             "not enough",
-            f"not enough: the runs do not tell whether the boat is course-stable; sail {again}, then turns to both "
-            "sides with two rudder angles (autopilot trial turning), and identify all of them together.",
+            f"not enough: the runs do not tell whether the boat is course-stable; sail {again}, for twice as long, and "
+            "identify all of them together.",
         )
     if unknown:
         return Verdict("not enough", f"not enough: {' and '.join(unknown)} not determined; sail {again}.")

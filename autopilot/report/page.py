@@ -177,7 +177,7 @@ figcaption, .note { color: #4b5563; font-size: .9rem; }
 code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 @media screen and (prefers-color-scheme: dark) {
   body { background: #14171b; color: #e6e8eb; } code, .verdict { background: #252a31; } header span { color: #a9b1bb; }
-  th, td { border-color: #333a43; } figcaption, .note { color: #a9b1bb; } figure { padding: .3rem; }
+  th, td { border-color: #333a43; } .note { color: #a9b1bb; } figure { padding: .3rem; } /* which stays white */
 }
 @media screen and (max-width: 34rem) {
   h1 { font-size: 1.25rem; line-height: 1.25; } th, td { padding: .25rem .3rem; font-size: .85rem; }
@@ -199,8 +199,9 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 </style>
 </head>
 <body>
+<main>
 <header><h1>{{ title }}</h1><span>Norrbin {{ version }}</span></header>
-{% if hero %}<figure>{{ hero.figure | safe }}
+{% if hero %}<figure tabindex="0">{{ hero.figure | safe }}
 <figcaption>{{ hero.caption }}</figcaption></figure>{% endif %}
 {% if verdict %}<p class="verdict {{ verdict[0] | replace(" ", "-") }}">{{ verdict[1] | replace("+-", "±") }}</p>
 {% endif %}
@@ -209,13 +210,15 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 {% for section in sections %}
 <section><h2>{{ section.title }}</h2>
 {% if section.table %}<div class="wide"><table>
-<thead><tr>{% for cell in section.table[0] %}<th>{{ cell }}</th>{% endfor %}</tr></thead><tbody>
+<thead><tr>{% for cell in section.table[0] %}
+{% if cell %}<th>{{ cell }}</th>{% else %}<td></td>{% endif %}{% endfor %}</tr></thead><tbody>
 {% for row in section.table[1:] %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
 {% endfor %}</tbody></table></div>{% endif %}
 {% for paragraph in section.text %}<p>{{ paragraph }}</p>{% endfor %}
-{% if section.figure %}<figure>{{ section.figure | safe }}
+{% if section.figure %}<figure tabindex="0">{{ section.figure | safe }}
 <figcaption>{{ section.caption }}</figcaption></figure>{% endif %}
 </section>{% endfor %}
+</main>
 <script>
 // a click on a head sorts its table: by the first number of each cell where all have one, else as text
 const text = cell => cell?.textContent ?? "";
@@ -226,6 +229,7 @@ const number = cell => {
 for (const table of document.querySelectorAll("table")) {
   const heads = [...table.tHead.rows[0].cells], body = table.tBodies[0];
   heads.forEach((head, column) => {
+    if (!text(head)) return;
     const button = document.createElement("button");
     button.type = "button"; button.append(...head.childNodes); head.append(button);
     button.addEventListener("click", () => {

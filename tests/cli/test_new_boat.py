@@ -206,7 +206,7 @@ def test_a_larger_zigzag_that_ended_early_is_sailed_again(
     for more in (NUMBERS, ()):
         assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *more]) == 4
         said = capsys.readouterr().out
-        assert "The larger zigzag: not done; asked for again.\nIf not:\n  - it ended early" in said
+        assert "The larger zigzag is not done; it is asked for again.\nIf not:\n  - it ended early" in said
     assert [command[-1] for command in commands if "larger" in Path(command[-1]).name] == [
         str(tmp_path / "mine-zigzag-larger.tlog"),
         str(tmp_path / "mine-zigzag-larger-2.tlog"),
@@ -237,7 +237,7 @@ def test_a_step_that_was_done_by_hand_is_gone_past(
 
 
 @pytest.mark.parametrize("refusals", [1, 2, 3, 4])
-def test_what_a_zigzag_does_not_tell_larger_ones_turns_or_the_hold_do(
+def test_what_one_zigzag_does_not_tell_larger_ones_or_the_hold_do(
     refusals: int, commands: list[list[str]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def refusing(command: Sequence[str]) -> int:
@@ -252,13 +252,15 @@ def test_what_a_zigzag_does_not_tell_larger_ones_turns_or_the_hold_do(
     assert main(["new-boat", str(file), "--link", "udpin:127.0.0.1:1", "--yes", *NUMBERS]) == 4
     said = [command[:2] if command[0] == "trial" else command[:1] for command in commands[2:]]
     assert said[:4] == [["trial", "zigzag"], ["identify"], ["trial", "zigzag"], ["identify"]]
-    turns = [["trial", "turning"], ["identify"]]
+    larger = [["trial", "zigzag"], ["identify"]]
     assert (
         said[4:]
-        == [[["gains"]], [*turns, ["gains"]], [*turns, ["identify"], ["gains"]], [*turns, ["identify"]]][refusals - 1]
+        == [[["gains"]], [*larger, ["gains"]], [*larger, ["identify"], ["gains"]], [*larger, ["identify"]]][
+            refusals - 1
+        ]
     )
     sets = [command[1 : command.index("--vessel")] for command in commands if command[0] == "identify"]
-    logs = [str(tmp_path / f"mine-zigzag{name}.tlog") for name in ("", "-larger", "-turns")]
+    logs = [str(tmp_path / f"mine-zigzag{name}.tlog") for name in ("", "-larger", "-larger-2")]
     assert sets == [logs[:1], logs[:2], logs, logs][: len(sets)]
     asked = ["--at-least" in command for command in commands if command[0] == "identify"]
     assert asked == [True, True, True, False][: len(sets)]

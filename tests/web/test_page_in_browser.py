@@ -18,6 +18,7 @@ from monitored_boat import BothAlarms, Watched, noted
 from page_server import TOKEN, SailingHub, chromium, served
 
 from autopilot.cli.web import PageOfSteps
+from autopilot.report.page import Opening, Section, render
 from autopilot.signals import AlarmEvent, AlarmSample
 from autopilot.vessel.schema import Vessel
 
@@ -663,3 +664,22 @@ def test_the_next_step_of_a_new_boat_is_in_view(size: tuple[int, int], browser: 
         page.context.close()
     assert "identify" not in (tmp_path / "boat.commissioning.json").read_text(), "a second press marks no other step"
     assert "zigzag" in (tmp_path / "boat.commissioning.json").read_text()
+
+
+@pytest.mark.parametrize("light", ["light", "dark"])
+def test_axe_finds_nothing_in_a_report_in_either_light(light: str, browser: Any, tmp_path: Path) -> None:
+    axe = pytest.importorskip("axe_playwright_python.base", reason="the extra `browser` (axe) is not installed")
+    wide = "<svg role='img' aria-label='a curve' viewBox='0 0 90 20'></svg>"
+    shown = Section("Heading", (("", "rms"), ("held", "0.3 deg")), ("A paragraph.",), wide, "what was held")
+    opening = Opening("A hold", "What it is about.", shown, ("good", "good: held"))
+    (tmp_path / "report.html").write_text(render(opening, [shown], "autopilot log compare"))
+    for size in ((360, 640), (1280, 800)):
+        page = browser.new_context(
+            color_scheme=light, viewport=dict(zip(("width", "height"), size, strict=True))
+        ).new_page()
+        page.goto((tmp_path / "report.html").as_uri())
+        page.evaluate(axe.AXE_SCRIPT)
+        result = page.evaluate(f"axe.run({json.dumps(RULES)})")
+        found = [f"{each['id']}: {node['target']}" for each in result["violations"] for node in each["nodes"]]
+        assert found == []
+        page.context.close()
