@@ -88,7 +88,7 @@ class HelmCause(IntEnum):
     SILENT = 2
     RADIO_LOST = 3
     UNPROVEN = 4
-    """Nobody has it: whether it can be had is found out when an order to engage waits."""
+    """Nobody has it: whether it can be had is being found out, or will be when an order to engage waits."""
     STOOD_STILL = 5
     """No order left for longer than vehicle or drive waits for one: our own process, or its computer, stood still."""
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 from alarm_texts import words_of
-from lockstep import STEP, Lockstep
+from lockstep import STEP, BadLine, Lockstep
 
 from autopilot.firmware.file import load_firmware, wanted_parameters
+from autopilot.links.mavlink.codec import MavlinkCodec
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel
 from sitl.scenario import FaultSection, Scenario
@@ -208,3 +209,27 @@ def test_a_vehicle_in_its_fail_safe_is_an_alarm_as_long_as_it_is() -> None:
     run.firmware.failsafe = ""
     run.run(2.0)
     assert words_of(run.tick) == ()
+
+
+class WithoutHeadings(BadLine):
+    """Loses every ATTITUDE from a time [s] on."""
+
+    def __init__(self, since: float) -> None:
+        super().__init__()
+        self._since = since
+
+    def put(self, now: float, data: bytes) -> None:
+        """Send a datagram at `now` [s]."""
+        if now < self._since or "ATTITUDE" not in {message.get_type() for message in MavlinkCodec().decode(data)}:
+            super().put(now, data)
+
+
+def test_an_order_behind_a_fail_safe_proves_the_helm_and_takes_it_from_nobody() -> None:
+    run = Lockstep(VESSEL, parameters=SHIPPED, lines=(BadLine(), WithoutHeadings(10.0)))
+    run.engage(20.0)
+    assert run.run(20.0, run.engaged)
+    assert run.run(20.0, lambda tick: tick.mode is Mode.FAILSAFE)
+    run.run(VESSEL.failsafe.release_after_s + 2.0)
+    assert not run.firmware.overrides.active(run.now, 3.0), "the fail-safe has let go"
+    run.engage(30.0)
+    assert not run.run(10.0, lambda tick: tick.mode is Mode.OVERRIDE), words_of(run.tick)

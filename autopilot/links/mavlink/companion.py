@@ -462,8 +462,8 @@ class CompanionSession:
         waits = "" if authority.steering else reader.streams.waiting or self._other.waiting(now)
         reason = obstacle or proof.reason or waits
         self._reason = self._with_signing(reason) if reason and self._it_signs else reason
-        is_old = self._guided is None and not obstacle and self._probe.stage is Stage.GROWN_OLD
-        cause = HelmCause.UNPROVEN if is_old else authority.cause
+        is_unproven = self._guided is None and not obstacle and self._probe.stage in (Stage.GROWN_OLD, Stage.CHECKING)
+        cause = HelmCause.UNPROVEN if is_unproven else authority.cause
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):
             self._helm = HelmSample(now, not self._reason, self._reason, self.name, cause)
             samples.insert(0, self._helm)
