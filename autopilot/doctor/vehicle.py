@@ -170,7 +170,8 @@ def _thrusters(parameters: VehicleParameters, vessel: Vessel) -> Finding:
     asymmetry = parameters.get("MOT_THST_ASYM")
     found = f"two thrusters: left on SERVO{left}, right on SERVO{right}"
     if asymmetry == 1.0 and vessel.drive.astern_share is None:
-        cure = "set MOT_THST_ASYM to thrust ahead over thrust astern, or a turn without throttle drives the boat ahead"
+        root = "the root of " if vessel.drive.thrust_exponent == 2.0 else ""
+        cure = f"set MOT_THST_ASYM to {root}thrust ahead over thrust astern, or a turn without throttle drives it ahead"
         return Finding("thrusters", Verdict.WARN, found, cure)
     return Finding("thrusters", Verdict.GO, found)
 

@@ -191,10 +191,11 @@ def verdict_of_gains(each: Judged, cost: LevelCost | None) -> steered.Verdict:
         said += f"; holds within {math.degrees(cost.sea.heading):.1f} deg rms in the sea it is designed for"
     spread = each.spread.split(",")[0]
     doubt = max(max(off_by("gain", 1.0, share / SIGMAS)) for share in each.off)
+    leads_past = not turn.past <= TURN_PAST_MOST
     doubts = [
         words
         for is_so, words in (
-            (not turn.past <= TURN_PAST_MOST, "turns lead past"),
+            (leads_past, "turns lead past"),
             (not each.worst.stable, "a boat off its model is not held"),
             (each.worst.sensitivity > SENSITIVITY_MOST, "little margin for a boat off its model"),
             (doubt > ENOUGH, f"a model known too little ({spread})"),
@@ -204,6 +205,9 @@ def verdict_of_gains(each: Judged, cost: LevelCost | None) -> steered.Verdict:
     ]
     if doubts:
         advice = "try a calmer --level, or identify the boat anew"
+        if leads_past:
+            share = each.vessel.guidance.rudder_share
+            advice = f"plan turns with less of the rudder (guidance.rudder_share below {share:g}), or {advice}"
         return steered.Verdict("doubtful", f"doubtful: {', '.join(doubts)}; {said}; {advice}")
     return steered.Verdict("good", f"good: {said}; bears a boat with {spread}")
 

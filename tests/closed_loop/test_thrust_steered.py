@@ -135,7 +135,9 @@ def test_the_doctor_tells_thrusters_that_are_set_up_wrongly() -> None:
     plain = dataclasses.replace(vessel, drive=dataclasses.replace(vessel.drive, thrust_exponent=None))
     boat.link.session.parameters.take("MOT_THST_ASYM", 1.0)
     by_name = {each.name: each for each in firmware_findings(boat.link.session.parameters, plain)}
-    assert "MOT_THST_ASYM" in by_name["thrusters"].cure
+    assert "set MOT_THST_ASYM to thrust ahead" in by_name["thrusters"].cure
+    by_name = {each.name: each for each in firmware_findings(boat.link.session.parameters, vessel)}
+    assert "the root of thrust ahead over thrust astern" in by_name["thrusters"].cure, "it goes with the square here"
 
 
 def test_full_throttle_leaves_less_steering_and_the_law_knows() -> None:
