@@ -288,11 +288,12 @@ def update(
     """Judge a tick; return what is remembered, and what is found."""
     standing, sea, jumping, rate, off_since, off_by, rate_off = before
     found: tuple[AlarmEvent, ...] = ()
+    headings = with_rates(measured)
     if limits.frozen_heading:
-        standing, sea = frozen_step(standing, sea, seen, with_rates(measured))
+        standing, sea = frozen_step(standing, sea, seen, headings)
         if standing.is_frozen:
             found = (AlarmEvent("heading_frozen"),)
-    for sample in measured.headings:
+    for sample in headings:
         jumping = jumping_step(jumping, sample, rate, limits.heading_jump)
     now, state = seen.now, seen.state
     if 0.0 <= now - jumping.found < JUMP_SAID:

@@ -373,9 +373,17 @@ class Jumping(NamedTuple):
     text: str = ""
 
 
+def is_turned(last: HeadingSample, heading: float, rate: float | None, time: float, most: float) -> bool:
+    """Return whether the rates [rad/s] beside two headings [rad] show the turn between them, to within `most` [rad]."""
+    if last.rate is None or rate is None:
+        return False
+    return abs(wrap(heading - last.heading - 0.5 * (last.rate + rate) * (time - last.time))) <= most
+
+
 def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: float) -> Jumping:
-    """Take a heading; it may be off by `most` [rad] from the one before, the boat turning at `rate` [rad/s]."""
-    time, heading, _, source = sample
+    """Take a heading; it may be off by `most` [rad] from the one before, the boat turning at `rate` [rad/s] as it is
+    estimated, or as was measured beside both: where headings are seldom, the first knows nothing of what a sea does."""
+    time, heading, measured, source = sample
     if not math.isfinite(heading + time):
         return before
     last, away, jumps, found, by, text = before
@@ -390,7 +398,7 @@ def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: floa
         return Jumping(sample, (), jumps, found, by, text)
     off = heading - (last.heading + rate * (time - last.time))
     off = off if -PI < off <= PI else wrap(off)
-    if -most <= off <= most:
+    if -most <= off <= most or is_turned(last, heading, measured, time, most):
         return Jumping(sample, (), jumps, found, by, text)
     if not away or abs(shortest_turn(away[-1].heading, heading)) > most:
         away, jumps = (), (*(then for then in jumps if time - then < JUMPS_WITHIN), time)

@@ -455,6 +455,19 @@ def test_a_jump_for_good_is_said_after_half_a_second_and_three_samples(period: f
     assert jumped(period, 10.0, after) == math.inf, "it was back before"
 
 
+def test_what_a_sea_turns_a_boat_by_between_slow_headings_is_no_jump_beside_a_rate() -> None:
+    """Swept round by 40 deg/s for 3 s, a heading a second, while the boat is estimated not to turn."""
+    for rate_deg_s, is_said in ((40.0, False), (None, True), (0.0, True), (-40.0, True)):
+        monitor, said = Jumping(math.radians(25.0)), ""
+        for second in range(20):
+            swept = 10.0 <= second < 13.0
+            heading = 40.0 * min(max(second - 10.0, 0.0), 3.0)
+            rate = None if rate_deg_s is None else math.radians(rate_deg_s) if swept or second == 13 else 0.0
+            monitor.on_sample(HeadingSample(float(second), math.radians(heading), rate))
+            said = said or monitor.found(watched(float(second), 0.0))
+        assert bool(said) is is_said, rate_deg_s
+
+
 def test_a_jump_is_said_for_five_seconds_with_its_side() -> None:
     for side in (-1.0, 1.0):
         monitor, said = Jumping(0.3), []
