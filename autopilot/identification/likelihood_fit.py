@@ -288,7 +288,7 @@ def _at_power(space: Space, z: FloatArray, powers: float, ratio: FloatArray) -> 
     rates, weather, train = space.opened(z)
     steering, linear, higher = space.record.scales
     record = space.record._replace(scales=Scales(steering * ratio**powers, linear, higher))
-    other = Space(record, rates, weather, train, space.parts, space.scale)
+    other = Space(record, rates, weather, train, space.parts, space.scale, moved=space.moved)
     other.priors, other.path = space.priors, space.path
     return other, other.start.copy()
 
@@ -371,7 +371,7 @@ def _unknown_power(space: Space, z: FloatArray, ratio: FloatArray) -> SpeedPower
 def _without_waves(space: Space, z: FloatArray) -> Space:
     """Return where to search for the boat of the vector in a sea without waves."""
     rates, weather, train = space.opened(z)
-    still = Space(space.record, rates, weather._replace(wave=0.0), train, space.parts, space.scale)
+    still = Space(space.record, rates, weather._replace(wave=0.0), train, space.parts, space.scale, moved=space.moved)
     still.priors, still.path = space.priors, space.path[:, :3]
     return still
 
@@ -603,7 +603,10 @@ def _without_white(space: Space, usual: Weather) -> tuple[Space, FloatArray, flo
     rates, weather, train = space.opened(z)
     if weather.white > ROUGH_WHITE * usual.white:
         lasting = _long_gusts(weather, usual.white)._replace(gyro=usual.gyro, compass=usual.compass)
-        other = Space(space.record, rates, lasting, train, space.parts, space.scale, space.beside_at(z), space.groups)
+        beside = space.beside_at(z)
+        other = Space(
+            space.record, rates, lasting, train, space.parts, space.scale, beside, space.groups, moved=space.moved
+        )
         other.priors, other.path = space.priors, space.path
         if math.isfinite(other.found(other.start).loss):
             again = approached(other, other.start)
@@ -647,7 +650,9 @@ def _with_waves(space: Space, z: FloatArray, loss: float, usual: Weather) -> lis
         tried = []
         for wavy, size in itertools.product(guesses, WAVE_SIZES):
             sized = wavy._replace(wave=size * wavy.wave, wave_pushes=pushes)
-            start = Space(space.record, rates, sized, train, space.parts, space.scale, beside, space.groups)
+            start = Space(
+                space.record, rates, sized, train, space.parts, space.scale, beside, space.groups, moved=space.moved
+            )
             if space.strengths:
                 start.start[-len(space.strengths) :] = z[-len(space.strengths) :]
             # the boat's own path is near, whatever the waves

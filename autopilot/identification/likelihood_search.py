@@ -114,6 +114,8 @@ def _lasting(name: str, weather: Weather, record: Record, moments: Moments) -> f
     return 0.5 * (waves_worth(moments, wave) + log + first)
 
 
+Moved = tuple[RudderTrain, tuple[FloatArray, FloatArray, FloatArray]]
+"""A train, and `moved_on` a record behind it."""
 Slope = tuple[float, FloatArray, FloatArray]
 """Loss, its derivatives, and the information about the boat."""
 
@@ -131,7 +133,9 @@ class Space:
         scale: Rates,
         beside: Beside | None = None,
         groups: IntArray | None = None,
+        moved: Moved | None = None,
     ) -> None:
+        """moved: what another space on the same times knows of the same rudder."""
         self.record, self.scale, self.train, self.parts = record, scale, train, parts
         self.beside, self.around = beside, () if beside is None else beside.names
         self.has_gyro = bool(record.rate_count.any())
@@ -176,7 +180,7 @@ class Space:
         self.path = begin_path(record)
         if weather.wave > 0.0:
             self.path = np.concatenate([self.path, np.zeros((record.nodes, 2))], axis=1)
-        self._moved = train, moved_on(record, train)
+        self.moved = (train, moved_on(record, train)) if moved is None else moved
         first = [getattr(start, name) / getattr(scale, name) for name in RATE_NAMES]
         rest = [math.log(max(float(getattr(train if name in parts else weather, name)), 1.0e-9)) for name in self.logs]
         own = [self.priors[name].middle for name in self.strengths]
@@ -225,9 +229,9 @@ class Space:
 
     def _behind(self, train: RudderTrain) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return `moved_on` the record; behind the latest train it is remembered."""
-        if train != self._moved[0]:
-            self._moved = train, moved_on(self.record, train)
-        return self._moved[1]
+        if train != self.moved[0]:
+            self.moved = train, moved_on(self.record, train)
+        return self.moved[1]
 
     def found(self, z: FloatArray, rounds: int = 12) -> Path:
         """Return path and loss at the vector, the search beginning at the latest best path."""
