@@ -34,7 +34,8 @@ CONDITIONS = {
         key="alarms.frozen_heading",
     ),
     "heading_jumping": Condition(
-        "two headings in a row differ by this angle three times within 10 s, or once for good",
+        "two headings in a row differ by this angle three times within 10 s, or once for good, and the rate of turn "
+        "beside both does not show that turn",
         key="alarms.heading_jump_deg",
     ),
     "compass_jumped": Condition(
