@@ -189,7 +189,8 @@ class Supervisor:
             if self.memory.blocked is not None:
                 self._remember(blocked=None)
             return
-        if taken is not None:
+        # a helm is proved for an order that waits for nothing else: its pulses would come again and again
+        if taken is not None and not (against and taken.cause is HelmCause.UNPROVEN):
             self._block(now, order, state, AlarmEvent(CANNOT_ENGAGE, taken.reason))
         elif against:
             event, waits = found[against], against == HEADING_LOST

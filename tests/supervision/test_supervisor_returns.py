@@ -82,6 +82,16 @@ def test_a_helm_that_has_only_to_be_proved_again_does_not_hide_why_the_steering_
     assert tested.decide(10.1, COURSE, state(5.0)) is mode
 
 
+def test_a_helm_is_proved_for_an_order_that_waits_for_nothing_else() -> None:
+    tested, order = made(), COURSE._replace(serial=COURSE.serial + 1)
+    assert tested.decide(10.0, COURSE, state(5.0)) is Mode.FAILSAFE
+    tested.on_sample(helm("to be proved", HelmCause.UNPROVEN))
+    tested.decide(11.0, order, state(5.0))
+    assert "cannot_engage" not in {alarm.name for alarm in tested.alarms()}
+    tested.decide(12.0, order, state())
+    assert "cannot_engage" in {alarm.name for alarm in tested.alarms()}
+
+
 def rebooted(tested: Supervisor, at: float = 10.0) -> Supervisor:
     tested.on_sample(helm("the vehicle is disarmed; arm it", REBOOTED))
     assert tested.decide(at, COURSE, state()) is Mode.OVERRIDE
