@@ -203,7 +203,7 @@ def _hold_log(boat: Boat, log: Path) -> list[str]:
 
     if not log.exists():
         return [f"{log} is not there, which would show how well it was held"]
-    steered, beside = Steered(), list[complex]()
+    steered, beside = Steered(boat.vessel.drive.kind), list[complex]()
     for part in read_logs(log):
         for tick in part.ticks:
             steered(tick)

@@ -382,7 +382,7 @@ def steer(arguments: argparse.Namespace, plan: Plan, voyage: Voyage) -> int:
     clock = MonotonicClock(arguments.speedup)
     app = App(plan, clock)
     session = app.session
-    steered = Steered()
+    steered = Steered(vessel.drive.kind)
     status: StatusLine | None = None
     try:
         # leaving the app, which comes first, gives the rudder back whatever happened

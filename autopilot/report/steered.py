@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import compass_text, wrap
+from autopilot.models.drives import DRIVES
 from autopilot.signals import Mode, OrderKind, Tick
 
 TURN_LEAST = math.radians(5.0)
@@ -45,7 +46,7 @@ class Turn(NamedTuple):
 
 
 class Steered:
-    """Call it with every tick.
+    """Call it with every tick. drive: what steers the boat, a name of `DRIVES`.
 
     Attributes:
         seconds: engaged.  on_course: of these, on a course and out of a turn.  turns: those measured.  lost: how often
@@ -55,7 +56,9 @@ class Steered:
         its way back led [rad].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, drive: str = "rudder") -> None:
+        self._has_gear = not DRIVES[drive].is_mixed
+        """The difference of two thrusts wears nothing, however much it moves."""
         self.seconds = self.on_course = self.trial_seconds = 0.0
         self.turns: list[Turn] = []
         self.lost = self.executes = 0
@@ -161,7 +164,7 @@ class Steered:
             return Verdict("poor", f"poor: {said}; {advice}")
         if past > GOOD_PAST_DEG or off > GOOD_OFF_DEG:
             return Verdict("fair", f"fair: {said}; in a calm it should be nearer: see autopilot gains")
-        if self.on_course >= SHORTEST_S and self.held_travel_deg_s > BUSY_DEG_S:
+        if self._has_gear and self.on_course >= SHORTEST_S and self.held_travel_deg_s > BUSY_DEG_S:
             return Verdict(
                 "fair", f"fair: {said}, which is busy; in a calm it should move less: see autopilot gains --level"
             )

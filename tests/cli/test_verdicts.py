@@ -206,6 +206,10 @@ def test_a_rudder_that_hunts_holds_no_course_well(travel_deg_s: float, grade: st
     assert steered.held_travel_deg_s == pytest.approx(travel_deg_s, rel=0.02)
     assert steered.verdict is not None and steered.verdict.grade == grade
     assert ("which is busy" in steered.verdict.sentence) is (grade == "fair")
+    by_thrust = Steered("two_thrusters")
+    for tick in moved:
+        by_thrust(tick)
+    assert by_thrust.verdict is not None and by_thrust.verdict.grade == "good", "two thrusts wear no gear"
 
 
 def test_lost_steering_and_short_runs_are_not_called_good() -> None:
