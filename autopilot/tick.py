@@ -99,6 +99,7 @@ from autopilot.supervision.monitors import (
     judged,
     on_samples,
     thruster_step,
+    with_weak_thruster,
     without_past,
 )
 from autopilot.supervision.monitors import State as MonitorState
@@ -569,7 +570,7 @@ def watch_thrusters(
         dt,
     )
     memory, alarm = thruster_step(state.thrusters, look)
-    return memory, found if alarm is None else {**found, alarm.name: alarm}
+    return memory, with_weak_thruster(found, alarm)
 
 
 def with_known_rudder(estimate: EstimatorState, seen: NavState, now: float) -> tuple[EstimatorState, NavState]:

@@ -231,6 +231,15 @@ def _alarm(push: float) -> AlarmEvent:
     return AlarmEvent("thruster_weak", "port" if push < 0.0 else "starboard")
 
 
+def with_weak_thruster(found: Mapping[str, AlarmEvent], alarm: AlarmEvent | None) -> Mapping[str, AlarmEvent]:
+    """Return what is found, with a thruster that is weak. A boat that answers by half for it is steered on: nobody else
+    would keep it on its course, and what its outputs are at is watched apart."""
+    if alarm is None:
+        return found
+    kept = {name: event for name, event in found.items() if event != rudder_watch.VERDICTS[1]}
+    return {**kept, alarm.name: alarm}
+
+
 class Roll(NamedTuple):
     """since [s]: the boat heels beyond its limit, nan: it does not; reported [rad] and text: what was said of it."""
 

@@ -14,7 +14,7 @@ from autopilot.models.norrbin import Norrbin, rate_step, steady_rate
 from autopilot.signals import AlarmEvent, ConditionSample, HeadingSample, NavState, RateSample, RollSample, WindSample
 from autopilot.supervision.course_watch import Spin, Swings
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
-from autopilot.supervision.monitors import NO_THRUST_SEEN, State, ThrusterLook, thruster_step
+from autopilot.supervision.monitors import NO_THRUST_SEEN, State, ThrusterLook, thruster_step, with_weak_thruster
 from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.rudder_response import (
     FILED,
@@ -23,7 +23,7 @@ from autopilot.supervision.rudder_response import (
     QUICKER,
     SLOW_RUDDER,
 )
-from autopilot.supervision.rudder_watch import NOTHING_KNOWN, Response
+from autopilot.supervision.rudder_watch import NOTHING_KNOWN, VERDICTS, Response
 from autopilot.supervision.tuning import SWEEP
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)
@@ -418,6 +418,17 @@ def test_a_second_look_at_thrusters_at_the_same_time_tells_nothing() -> None:
     memory, _ = thruster_step(thruster_step(NO_THRUST_SEEN, look)[0], look)
     assert memory.way is not None
     assert thruster_step(memory, look._replace(heading=1.0, speed=0.5, rudder=0.1, dt=0.0)) == (memory, None)
+
+
+def test_a_boat_that_answers_by_half_for_a_dead_thruster_is_steered_on() -> None:
+    """Steering ended: the boat then circled on the living thruster, where it can be held on its course."""
+    weak = AlarmEvent("thruster_weak", "port")
+    unanswered, sensed = VERDICTS[1], AlarmEvent("rudder_stuck", "at 3 deg")
+    over = AlarmEvent("overpowered", "to port")
+    found = {each.name: each for each in (unanswered, over)}
+    assert with_weak_thruster(found, None) == found
+    assert with_weak_thruster(found, weak) == {"overpowered": over, "thruster_weak": weak}
+    assert with_weak_thruster({sensed.name: sensed}, weak)["rudder_stuck"] == sensed, "its sensor knows"
 
 
 def test_what_others_see_is_said_until_they_take_it_back() -> None:
