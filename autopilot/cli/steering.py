@@ -139,12 +139,7 @@ class Ending:
                     line.forget()
             elif 0.0 < self._wait <= tick.now:
                 raise self._silence(self._wait)
-        elif (
-            self._must_engage
-            and not self.engaged
-            and self._wait > 0.0
-            and self._patience < tick.now - self._first_heading
-        ):
+        elif self._must_engage and not self.engaged and tick.now - self._first_heading > self._patience:
             raise self._refusal(tick)
         return self.stop
 

@@ -28,6 +28,7 @@ from autopilot.supervision.tuning import (
     HELD_USUAL_TIME,
     JUMP_SAMPLES,
     JUMP_SETTLED,
+    JUMP_UNSHOWN,
     JUMPS,
     JUMPS_WITHIN,
     SENSE_LASTS,
@@ -373,11 +374,15 @@ class Jumping(NamedTuple):
     text: str = ""
 
 
-def is_turned(last: HeadingSample, heading: float, rate: float | None, time: float, most: float) -> bool:
-    """Return whether the rates [rad/s] beside two headings [rad] show the turn between them, to within `most` [rad]."""
+def is_turned(last: HeadingSample, turned: tuple[float, float], rate: float | None, off: float, most: float) -> bool:
+    """Return whether the rates [rad/s] beside two headings show the turn between them, (by heading [rad], in a time
+    [s]), to within `most` [rad], and more of what it is `off` by [rad] than a rate that is made of the headings does.
+    """
     if last.rate is None or rate is None:
         return False
-    return abs(wrap(heading - last.heading - 0.5 * (last.rate + rate) * (time - last.time))) <= most
+    by_heading, step = turned
+    unshown = abs(wrap(by_heading - 0.5 * (last.rate + rate) * step))
+    return unshown <= most and unshown < JUMP_UNSHOWN * abs(off)
 
 
 def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: float) -> Jumping:
@@ -398,7 +403,8 @@ def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: floa
         return Jumping(sample, (), jumps, found, by, text)
     off = heading - (last.heading + rate * (time - last.time))
     off = off if -PI < off <= PI else wrap(off)
-    if -most <= off <= most or is_turned(last, heading, measured, time, most):
+    turned = heading - last.heading, time - last.time
+    if -most <= off <= most or is_turned(last, turned, measured, off, most):
         return Jumping(sample, (), jumps, found, by, text)
     if not away or abs(shortest_turn(away[-1].heading, heading)) > most:
         away, jumps = (), (*(then for then in jumps if time - then < JUMPS_WITHIN), time)

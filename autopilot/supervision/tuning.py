@@ -283,6 +283,10 @@ JUMPS_WITHIN = 10.0
 JUMP_SETTLED = 0.5
 JUMP_SAMPLES = 3
 """A heading that stays where it jumped to for so long [s], and so many samples, has jumped for good."""
+JUMP_UNSHOWN = 0.45
+"""A rate that is made of the headings shows half of a jump at most, by the mean of before and after; one that leaves
+less than this share unshown is a gyro's. Between the two lies a noise of 1 deg. Of waves at 1 Hz it leaves as much at a
+period of 2.8 s."""
 JUMP_SAID = 5.0
 """A jump is reported for this time [s] after it was found."""
 HEADINGS_APART_S = 2.0

@@ -479,6 +479,26 @@ def test_what_a_sea_turns_a_boat_by_between_slow_headings_is_no_jump_beside_a_ra
         assert bool(said) is is_said, rate_deg_s
 
 
+@pytest.mark.parametrize("period", [0.1, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("smoothing", [1.0, 0.5, 0.2])
+@pytest.mark.parametrize("turning_deg_s", [0.0, 5.0, -5.0])
+def test_a_rate_that_is_made_of_the_headings_hides_no_jump(
+    period: float, smoothing: float, turning_deg_s: float
+) -> None:
+    """It shows half of the jump, or less, as if the boat had turned so."""
+    turning = math.radians(turning_deg_s)
+    for jump_deg in (26.0, 35.0, 45.0, 60.0, 90.0):
+        monitor, said, last, rate = Jumping(math.radians(25.0)), "", 0.0, turning
+        for step in range(round(20.0 / period)):
+            time = step * period
+            heading = turning * time + (math.radians(jump_deg) if time >= 10.0 else 0.0)
+            rate += smoothing * ((heading - last) / period - rate) if step else 0.0
+            last = heading
+            monitor.on_sample(HeadingSample(time, wrap(heading), rate))
+            said = said or monitor.found(watched(time, 0.0, rate=turning))
+        assert said, jump_deg
+
+
 def test_a_jump_is_said_for_five_seconds_with_its_side() -> None:
     for side in (-1.0, 1.0):
         monitor, said = Jumping(0.3), []
