@@ -761,6 +761,19 @@ def test_a_trial_that_was_cancelled_is_not_begun_again_by_what_comes_twice() -> 
     assert [name for name, _ in bench.hand.orders] == ["zigzag"]
 
 
+def test_who_ends_a_trial_orders_a_turn_at_once() -> None:
+    bench = Bench(armed=True)
+    bench.commands.last_stop.on_tick(tick(Mode.ENGAGED, 0.0))
+    bench.run(0.1, Mode.ENGAGED)
+    put(bench, 7, dialect.MAV_CMD_USER_1, 10.0, 20.0, 60.0)
+    assert acknowledged(bench.run(0.2, Mode.ENGAGED)) == [5]
+    bench.station._mavlink.seq = 8
+    bench.ask(CommandCancel(7, 1, dialect.MAV_CMD_USER_1), Mode.ENGAGED)
+    put(bench, 9, *TURN)
+    assert acknowledged(bench.run(0.2, Mode.ENGAGED))[-1] == 0
+    assert [name for name, _ in bench.hand.orders][-1] != "zigzag"
+
+
 def test_whoever_is_refused_for_the_same_reason_soon_after_another_hears_it_too() -> None:
     bench = Bench(armed=True)
     turn = dialect.MAVLink_command_long_message(7, 1, dialect.MAV_CMD_CONDITION_YAW, 0, 90.0, 0, 0, 0, 0, 0, 0)

@@ -229,6 +229,7 @@ class BoatLink(StationLink):
             self._sequence.taken(now, message)
         if answers and gives_rudder_back(message):
             stop.ordered(now, giver)
+            self._sequence.stopped(message)
         return answers
 
     def _stop(self, now: float, message: Message) -> list[Message]:

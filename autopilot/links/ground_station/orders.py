@@ -95,8 +95,10 @@ class _Sender:
         self.beats: deque[tuple[float, int, bool]] = deque(maxlen=BEATS_KEPT)
         """Its heartbeats of late: when [s], number, and whether that lay far behind the newest."""
         self.last: dict[str, tuple[float, int, str]] = {}
+        self.stop: int | None = None
+        """The number of its last order that gave the rudder back."""
         self.since_stop = 0
-        """How many messages came since its last order to stand by was taken."""
+        """How many messages came since that."""
 
     def number_of(self, message: Message) -> int:
         """Return the number of a message, as it goes on: the nearest to the newest."""
@@ -145,14 +147,12 @@ class OrderSequence:
         return min(recent.count(True), recent.count(False), turns) >= SHARED_BEATS
 
     def has_seen_stop(self, now: float, message: Message) -> bool:
-        """Return whether who sends this let the pilot stand by last under its id, and so knows it: its numbers go on
-        from there, by no more than came since and were lost meanwhile. Another station under that id counts by itself.
-        """
+        """Return whether who sends this gave the rudder back last under its id, and so knows it: its numbers go on from
+        there, by no more than came since and were lost meanwhile. Another station under that id counts by itself."""
         sender = self._sender(message)
-        if "" not in sender.last or self.are_two(now, message):
+        if sender.stop is None or self.are_two(now, message):
             return False
-        gone_on = sender.number_of(message) - sender.last[""][1]
-        return 0 <= gone_on <= LOST_TOO * sender.since_stop
+        return 0 <= sender.number_of(message) - sender.stop <= LOST_TOO * sender.since_stop
 
     def is_again(self, now: float, message: Message) -> bool:
         """Return whether an order has been taken already: this very one, the same said once more, or before, and late.
@@ -188,12 +188,19 @@ class OrderSequence:
         is_behind = now - time <= REPEATED_S and 0 < number - sender.number_of(message) <= OVERTAKEN
         return is_behind and words != _words(message)
 
+    def stopped(self, message: Message) -> None:
+        """Take that the sender of this gives the rudder back by it."""
+        sender = self._sender(message)
+        number = sender.number_of(message)
+        # a line that doubles it brings nothing new
+        sender.since_stop = sender.since_stop if number == sender.stop else 0
+        sender.stop = number
+
     def taken(self, now: float, message: Message) -> None:
         """Take an order that is carried out."""
         sender = self._sender(message)
         number = sender.number_of(message)
         if stands_by(message):
-            sender.since_stop = 0
             sender.taken.clear()  # what is ordered from now on is meant to end it, however often it is said
         if stands_by(message) or message.get_type() in VOIDING:
             sender.last = {name: each for name, each in sender.last.items() if now - each[0] <= REPEATED_S}
