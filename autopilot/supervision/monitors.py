@@ -233,10 +233,12 @@ def _alarm(push: float) -> AlarmEvent:
 
 def with_weak_thruster(found: Mapping[str, AlarmEvent], alarm: AlarmEvent | None) -> Mapping[str, AlarmEvent]:
     """Return what is found, with a thruster that is weak. A boat that answers by half for it is steered on: nobody else
-    would keep it on its course, and what its outputs are at is watched apart."""
+    would keep it on its course, and what its outputs are at is watched apart. One that is off its course, too, is not
+    kept there: neither thruster moves it."""
     if alarm is None:
         return found
-    kept = {name: event for name, event in found.items() if event != rudder_watch.VERDICTS[1]}
+    is_kept = "off_course" not in found
+    kept = {name: event for name, event in found.items() if not (is_kept and event == rudder_watch.VERDICTS[1])}
     return {**kept, alarm.name: alarm}
 
 

@@ -431,6 +431,13 @@ def test_a_boat_that_answers_by_half_for_a_dead_thruster_is_steered_on() -> None
     assert with_weak_thruster({sensed.name: sensed}, weak)["rudder_stuck"] == sensed, "its sensor knows"
 
 
+def test_a_boat_that_leaves_its_course_has_no_thruster_that_keeps_it() -> None:
+    """Both stood still, and it was steered for 54 s while it turned by 300 deg."""
+    weak, off, unanswered = AlarmEvent("thruster_weak", "port"), AlarmEvent("off_course"), VERDICTS[1]
+    found = {each.name: each for each in (unanswered, off)}
+    assert with_weak_thruster(found, weak) == {**found, "thruster_weak": weak}
+
+
 def test_what_others_see_is_said_until_they_take_it_back() -> None:
     monitors = Monitors(LIMITS)
     monitors.on_samples((ConditionSample(0.0, "battery_low", True, "11 %", "vehicle"),))
