@@ -89,6 +89,7 @@ from autopilot.supervision.alarms import kind_of
 from autopilot.supervision.compass_watch import handed_over
 from autopilot.supervision.envelope import Picture
 from autopilot.supervision.failsafe import FailsafeSteering
+from autopilot.supervision.frozen_heading import is_stale
 from autopilot.supervision.heading_jump import followed, is_looked_at
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.monitors import (
@@ -287,6 +288,10 @@ def steered_from(
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
         # against that keeps it swinging
         present = present._replace(bias=mean_bias)
+    compass = monitors.compass
+    if is_stale(compass.standing, compass.sea):
+        # a rudder that turns no boat looks like a disturbance as large as the rudder, and is laid harder against it
+        present = present._replace(bias=compass.standing.bias)
     if not (is_engaged and late > 0.0):
         return present, present, ratio, mean_bias
     # an order of now finds the boat where it will be when it comes

@@ -131,6 +131,21 @@ def felt(sea: Sea, seen: MonitorInput) -> Sea:
     )
 
 
+def repeated(sea: Sea) -> float:
+    """Return the share of headings that are the same as the one before, 1 while it is not known."""
+    # the memory began with headings that are all the same, and no noise
+    return 1.0 - (1.0 - sea.same) / sea.known if sea.known >= TREMBLES_KNOWN else 1.0
+
+
+def is_stale(standing: Standing, sea: Sea) -> bool:
+    """Return whether heading and rate are sent on as they were: both the same to the last digit, and the rate not
+    nought, which may be made of that very heading, so often that a compass which repeats no more than TREMBLES_SAME of
+    its headings does it with a probability of 0.2^9. For SEA_STOOD this ends no steering: another compass may be left
+    to go on with."""
+    stands = standing.samples >= FROZEN_SAMPLES and standing.walk == 0.0 and abs(standing.last_rate) > 0.0
+    return stands and repeated(sea) <= TREMBLES_SAME
+
+
 def never_stands(standing: Standing, sea: Sea, seen: MonitorInput) -> bool:
     """Return whether a compass shows something new each time in a boat that has way, whatever the water is: its own
     noise moved it by its digits, or these are so small that no boat keeps within one, and from one heading to the next
@@ -141,8 +156,7 @@ def never_stands(standing: Standing, sea: Sea, seen: MonitorInput) -> bool:
     than a digit, what the rate's bias may add up to while it is remembered, and its noise, at either end of its span.
     """
     digit = sea.digit if sea.digit > FLOAT_DIGIT else FLOAT_DIGIT
-    # the memory began with headings that are all the same, and no noise
-    same = 1.0 - (1.0 - sea.same) / sea.known if sea.known >= TREMBLES_KNOWN else 1.0
+    same = repeated(sea)
     if not seen.has_way or same > TREMBLES_SAME:
         return False
     if digit <= FINE_DIGIT and same <= FINE_SAME and abs(sea.change) >= FINE_DIGITS * digit:

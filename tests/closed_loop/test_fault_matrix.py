@@ -79,6 +79,19 @@ def test_a_heading_freezes_in_a_sea_that_is_learnt_anew(monkeypatch: pytest.Monk
     assert cell.detected <= 5.0
 
 
+@pytest.mark.parametrize("state", ["heading", "track"])
+def test_no_disturbance_is_learnt_from_an_instrument_that_stands(monkeypatch: pytest.MonkeyPatch, state: str) -> None:
+    """Heading and rate stood, 4 deg off: the boat had turned by 15 deg until that was found, for the estimate took a
+    rudder that turns no boat for a disturbance as large, and it was laid harder against it."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    from fault_cells import ROWS, run_cells
+
+    (row,) = (each for each in ROWS if each.name == "heading and rate frozen")
+    (cell,) = run_cells([row], [state], 1, seed=468225452)
+    assert cell.off_deg <= 10.0
+    assert cell.ends == "failsafe"
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_rudder_that_runs_hard_over_in_a_trial_is_found_in_time(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     """The doubt that ended the trial counted for too little afterwards, and what the rudder did was learnt as a sea:

@@ -15,6 +15,7 @@ from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
 from autopilot.supervision.compass_watch import Consistency, consistency_step
 from autopilot.supervision.course_watch import ON_HEADING, course_step
+from autopilot.supervision.frozen_heading import is_stale
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.response_filter import (
     NOTHING,
@@ -343,6 +344,33 @@ def test_in_flat_water_no_compass_stands_whose_noise_moves_its_digits(hz: float)
     assert not trembled(0.3, 0.1, 60.0, hz=hz, trembles=1.0), "its noise is not known yet"
     assert not trembled(0.0, 0.1, 60.0, hz=hz, swings_deg=5.0), "a sea that ends is no noise"
     assert not trembled(0.03, 0.1, 60.0, hz=hz, creeps=True), "digits and a variation that creeps"
+
+
+@pytest.mark.parametrize(
+    ("digit_deg", "rate", "ripple", "headings", "is_so"),
+    [
+        (0.0, 0.005, 0.0, 10, True),
+        (0.1, -0.005, 0.0, 10, True),
+        (0.1, 0.005, 0.0, 9, False),
+        (1.0, 0.005, 0.0, 100, False),  # whole degrees repeat
+        (0.1, 0.0, 0.0, 100, False),  # made of that very heading
+        (0.1, None, 0.0, 100, False),
+        (0.1, 0.005, 1e-6, 100, False),  # the rate works
+    ],
+)
+def test_ten_headings_and_rates_alike_are_stale(
+    digit_deg: float, rate: float | None, ripple: float, headings: int, is_so: bool
+) -> None:
+    """Of a compass of 0.3 deg of noise, 10 Hz, that moved for a minute."""
+    random, monitor, shown = np.random.default_rng(1), Frozen(), 0.0
+    for tick in range(600 + headings):
+        if tick <= 600:
+            shown = 0.3 * float(random.standard_normal())
+            shown = round(shown / digit_deg) * digit_deg if digit_deg else shown
+        beside = None if rate is None else rate + ripple * math.sin(float(tick))
+        monitor.on_sample(HeadingSample(0.1 * tick, math.radians(shown), beside))
+        monitor.is_frozen(watched(0.1 * tick))
+    assert is_stale(*monitor.value) is is_so
 
 
 def test_headings_further_apart_than_a_sea_swings_tell_nothing_of_noise() -> None:
