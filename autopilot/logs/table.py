@@ -250,11 +250,11 @@ def _between_reports(orders: Series, gear: SteeringGear) -> Series:
     """Return orders that were looked at now and then, at every GEAR_STEP_S between the reports.
 
     A change is seen at the first report after it, half a spacing late on average; a straight line from the report
-    before is right on average. What changes by more than the gear does in that time jumps half way: on a line the gear
+    before is right on average. What jumps by more than the gear does in that time jumps half way: on a line the gear
     would begin with the report before, whenever the order came.
     """
-    spacing, change = np.diff(orders.time), np.diff(orders.values)
-    jumps = np.flatnonzero(np.abs(change) > gear.rate_max * spacing)
+    spacing = np.diff(orders.time)
+    jumps = np.flatnonzero(_jumped(orders) > gear.rate_max * spacing)
     middle = orders.time[jumps] + 0.5 * spacing[jumps]
     moments = np.concatenate([orders.time, middle - JUMP_S, middle + JUMP_S])
     place = np.argsort(moments)
@@ -271,15 +271,24 @@ JUMP_S = 1.0e-6
 """Half of how long a jump lasts."""
 
 
+def _jumped(orders: Series) -> FloatArray:
+    """Return by how much [rad] orders may have jumped between each two reports: by what they changed, less what goes on
+    as between the two reports before or behind. A pilot that orders no faster than its gear goes has no jumps."""
+    spacing = np.diff(orders.time)
+    speed = np.concatenate([[0.0], np.diff(orders.values) / spacing, [0.0]])
+    bend = np.abs(np.diff(speed))
+    return np.asarray(np.minimum(np.abs(speed[1:-1]), np.minimum(bend[:-1], bend[1:])) * spacing)
+
+
 def _unknown_moments(orders: Series, gear: SteeringGear | None) -> Series:
     """Return `Segment.moments` of a rudder behind orders [rad] that were looked at now and then.
 
     An order that jumps by D at a moment uniform in the time h between two reports is worth D (moment - h/2) in the
     rudder's integral beside the line that is right on average: a variance of D^2 h^2/12. So is, on average, an order
-    that walks from one report to the other (Brownian bridge). It comes about while the order may jump, and while the
-    gear goes over behind it.
+    that walks from one report to the other (Brownian bridge); one that goes on evenly is known. It comes about while
+    the order may jump, and while the gear goes over behind it.
     """
-    spacing, change = np.diff(orders.time), np.abs(np.diff(orders.values))
+    spacing, change = np.diff(orders.time), _jumped(orders)
     seen = (spacing <= max(LONGEST_HOLD_S, 5.0 * orders.spacing)) & (change > 0.0)
     begin, h, jump = orders.time[:-1][seen], spacing[seen], change[seen]
     late, over = (0.0, 0.0 * jump) if gear is None else (gear.delay, jump / gear.rate_max)

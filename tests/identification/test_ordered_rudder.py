@@ -20,7 +20,7 @@ from autopilot.identification.residuals import Noise
 from autopilot.identification.rudder_path import RudderRate
 from autopilot.identification.runs import MOMENTS, Run, Segment
 from autopilot.logs.series import HEADING, SHARE, SPEED, Recording, Series
-from autopilot.logs.table import RudderSettings, table_of
+from autopilot.logs.table import RudderSettings, table_of, through_gear
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 
@@ -224,6 +224,31 @@ def test_the_doubt_of_a_reported_rudder_is_how_its_moments_scatter(rate_deg_s: f
     assert float(np.ptp(columns[MOMENTS])) == pytest.approx(np.var(turned), rel=0.03)
     # none before the order may have come
     assert float(columns[MOMENTS][time < 2.95].max()) == float(columns[MOMENTS].min())
+
+
+@pytest.mark.parametrize("hz", [10.0, 5.0, 2.0])
+def test_orders_that_walk_as_fast_as_the_gear_do_not_jump(hz: float) -> None:
+    """Taken for stairs they bring the rudder late: it cannot catch up."""
+    random, rate = np.random.default_rng(20261129), math.radians(20.0)
+    gear = SteeringGear(FULL_RAD, rate, lag=0.1)
+    time, fine = np.arange(0.0, 59.0, 0.05), np.arange(0.0, 60.0, 0.01)
+    walked = rate_limited(fine, np.radians(15.0) * np.sign(np.sin(fine + 0.3)), rate)
+    at = np.arange(0.013, 60.0, 1.0 / hz)
+    at += 0.015 * random.uniform(-1.0, 1.0, at.size)
+    still = 0.0 * time
+    logged = (Series(HEADING, "log", time, still), Series(SPEED, "log", time, still + SPEED_M_S))
+    orders = Series(SHARE, "servo", at, np.interp(at, fine, walked) / FULL_RAD)
+    recording, settings = Recording("log", "zigzag", (*logged, orders)), RudderSettings(at_full=FULL_RAD, gear=gear)
+    columns = table_of(recording, settings, between_motions=True).columns
+    known = np.isfinite(columns["rudder_rad"])
+    truth = through_gear(Series(SHARE, "pilot", fine, walked), gear)
+    late = np.interp(time[known], truth.time, truth.values) - columns["rudder_rad"][known]
+    moving = np.sign(np.interp(time[known], fine, np.gradient(walked, fine)))
+    longest, reversals = float(np.diff(at).max()), int(60.0 / math.pi)
+    # a corner between two reports is known to h^2/8 of the rate, a reversal lasts 1.5 s; the truth comes each 10 ms
+    assert abs(float((moving * late).mean() / np.abs(moving).mean()) / rate) < 0.005 + longest**2 / 8.0 / 1.5
+    # at each of its two corners at most half of what is walked between two reports may have jumped
+    assert float(np.ptp(columns[MOMENTS])) < reversals * 2.0 * (0.5 * rate * longest) ** 2 * longest**2 / 12.0
 
 
 @pytest.mark.parametrize("rate_deg_s", [300.0, 15.0])
