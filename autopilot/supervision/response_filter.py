@@ -60,8 +60,7 @@ Gains = tuple[float, float, float, float, float]
 
 class Noise(NamedTuple):
     """heading [rad^2]; densities a second of acceleration [(rad/s)^2/s] and push [rad^2/s]; sea [rad^2] about zero,
-    which changes at its pace [1/s]; unmet [rad^2]: by so much it may be larger, as it is not known yet; follows: the
-    share of its work on a course that the rudder follows the sea with, 0 in a turn."""
+    which changes at its pace [1/s]; unmet [rad^2]: by so much it may be larger, as it is not known yet."""
 
     heading: float
     acceleration: float
@@ -69,7 +68,6 @@ class Noise(NamedTuple):
     sea: float
     pace: float
     unmet: float
-    follows: float = 0.0
 
 
 Mean = tuple[float, float, float, float]
@@ -139,12 +137,11 @@ def seaway_noise(model: Norrbin, heading: float, state: NavState, seaway: Seaway
     largest = sea_of(model, swing, SEA_SLOWEST)
     if largest > sea and abs(shortest_turn(math.atan2(seaway.east, seaway.north), state.heading)) > SEA_TURNED:
         sea, pace = largest, SEA_SLOWEST
-    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea + worked, pace, unmet, 0.0)
+    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea + worked, pace, unmet)
 
 
-def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float, follows: float) -> Noise:
+def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
     """Return the noise of a boat that turns at `rate` [rad/s] and goes at another speed than the `speed` [m/s] of late.
-    follows: see `Noise`.
 
     n3 ~ 1/U^2 and n2 ~ 1/U, and a speed that is measured late or seldom is off by what it has changed by: a boat that
     loses way in a hard turn is braked by more than its rudder, and turns slower against it. What a course-unstable boat
@@ -154,10 +151,10 @@ def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float, foll
     if model.n1 < 0.0:
         own = OWN_UNKNOWN * abs(model.n1 * rate)
     elif change < CHANGED_LEAST:
-        change = 0.0
+        return noise
     unknown = (own + change * abs((2.0 * model.n3 * rate + model.n2) * rate * rate)) / model.time_constant
     acceleration = noise.acceleration + unknown * unknown * CHANGED_TIME
-    return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace, noise.unmet, follows)
+    return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace, noise.unmet)
 
 
 Slide = tuple[float, float, float, float, float, float]

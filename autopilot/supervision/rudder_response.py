@@ -15,10 +15,6 @@ its rudder, or on with it where the rudder has come back, is none that is braked
 A gust that sets in, or ends, as the rudder moves the other way turns the boat as a reversed rudder would. So a push
 that may have begun with the evidence is one more explanation: where it is likelier than any fault nothing is evidence.
 
-On a course the rudder follows the sea, by its feedback, and so the share of the answer that explains most is biased
-there; in a turn, where the order moves it, it is not. So a boat whose rudder works against a sea is supposed to answer
-as it has on a course, and not as in its turns.
-
 A sea other than the one that is estimated accuses a healthy rudder, as the rudder follows it. So the same is weighed in
 the sea as it was learnt, too (`response_spectrum`): a verdict takes both together, and something of each. In a turn it
 takes less: there the order moves the rudder, and not the sea.
@@ -137,7 +133,7 @@ class ResponseState(NamedTuple):
     and shown: the share of the model's answer that the boat has had so far is the former over the latter; others:
     the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing
     was suspect; since: innovation times answer, and the answer's square, over the variance, summed since a fault may
-    have begun; gust: what may have set in then in its place; held: usual and shown again, of courses in a sea."""
+    have begun; gust: what may have set in then in its place."""
 
     time: float
     covariance: Covariance
@@ -156,7 +152,6 @@ class ResponseState(NamedTuple):
     blocks: Blocks
     since: tuple[float, float]
     gust: Gust
-    held: tuple[float, float]
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
@@ -180,11 +175,10 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         blocks=first_blocks(noise, heading),
         since=(0.0, 0.0),
         gust=NO_GUST,
-        held=(USUAL * USUAL_SURE, USUAL_SURE),
     )
 
 
-NO_RESPONSE = first_response(Noise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), math.nan, math.nan)
+NO_RESPONSE = first_response(Noise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), math.nan, math.nan)
 
 
 def grown(evidence: float, squares: float, variance: float, most: float) -> float:
@@ -225,21 +219,19 @@ def response_step(
     the one before; the boat turns at about `rate` [rad/s]."""
     (
         last, known, means, slid, stuck, stuck_late, wrong, wrong_late, unexplained, outliers,
-        usual, shown, others, usual_colour, blocks, since, gust, held,
+        usual, shown, others, usual_colour, blocks, since, gust,
     ) = before  # fmt: skip
     (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
     dt = time - last
     is_pushed = is_gust_likelier(gust, usual / shown)
     is_gust = unexplained > UNEXPLAINED
-    answers, follows = usual / shown, noise.follows
-    answers += follows * (held[0] / held[1] - answers)
-    least = LEAST_SHARE * answers
+    least = LEAST_SHARE * usual / shown
     least = least if least > LEAST[0] else LEAST[0]
     least = weaker * (least if least < LEAST[1] else LEAST[1])
     at = rudder, rudder_late, braked, rudder_slow
     slides, is_doubted = slide_share(slid), stuck >= SUSPECT or wrong >= SUSPECT
     step = transition_of(model, rate, noise.pace, dt)
-    blocks = blocks_step(blocks, step, noise, at, (time, dt, heading), (least, answers, slides, is_doubted))
+    blocks = blocks_step(blocks, step, noise, at, (time, dt, heading), (least, usual / shown, slides, is_doubted))
     noises = noise.heading, noise.acceleration, noise.push + GUST if is_gust else noise.push, noise.sea
     covariance, gains, known, means = foreseen(step, known, means, at, noises, dt)
     variance = gains[0]
@@ -284,7 +276,6 @@ def response_step(
         gust = gust_step(gust_moved(gust, step), gains, (off, s, slow[0], off_some), doubtful, evidence)
     # what may be a fault is none of the boat's usual ways
     learns = 0.0 if is_suspect(stuck, wrong, blocks) else 1.0 / variance
-    holds = learns if follows > 0.0 else 0.0
     slid = slide_learnt(slid, model, (left_over, g, variance), dt, learns > 0.0)
     others = others_step(others, model.time_constant, variance, dt, (off, s, s_late, slow[0]), is_pushed)
     return ResponseState(
@@ -305,10 +296,6 @@ def response_step(
         blocks,
         since,
         gust,
-        (
-            USUAL * USUAL_SURE + remembered * (held[0] - USUAL * USUAL_SURE) + holds * off * s,
-            USUAL_SURE + remembered * (held[1] - USUAL_SURE) + holds * s * s,
-        ),
     )
 
 
@@ -392,7 +379,6 @@ def _without_heading(
         blocks,
         before.since,
         gust,
-        before.held,
     )
 
 
@@ -502,7 +488,6 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
         no_more_blocks(before.blocks, after.blocks),
         before.since,
         after.gust,
-        after.held,
     )
 
 

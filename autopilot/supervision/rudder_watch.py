@@ -70,7 +70,6 @@ from autopilot.supervision.tuning import (
     PUSHED_S,
     SEA_FIRST,
     SEA_FIRST_TIME,
-    SEA_LEAST,
     SLOW,
     SPEED_DOUBT,
     SURE_TURNING,
@@ -152,8 +151,7 @@ def evidence_step(
         if seen.holds_course and is_near and is_usual and state.wave_deviation > 0.0:
             off = in_time + state.bias
             worked -= math.expm1(-(time - known) / WORKED_TIME) * (off * off - worked)
-        follows = worked / (worked + SEA_LEAST) if seen.holds_course else 0.0
-        noise = changing_noise(model, noise, rate, speed, follows)
+        noise = changing_noise(model, noise, rate, speed)
         at = in_time, rudders[1], slow if slow == slow else in_time, slide, seen.weaker
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading

@@ -401,29 +401,6 @@ def test_another_boat_shows_on_both_sides_and_a_slow_rudder_against_every_answer
         assert found == (SLOW_RUDDER if min(four) >= SURE else QUICKER)
 
 
-@pytest.mark.parametrize("follows", [0.0, 0.5, 1.0])
-def test_where_the_rudder_follows_the_sea_the_boat_answers_as_it_has_on_a_course(follows: float) -> None:
-    """In its turns it answers by 1.1 of the model, on courses by 0.7: a boat that does not is accused by three quarters
-    of what goes with how far the rudder follows the sea."""
-    noise = NOISE._replace(follows=follows)
-    before = first_response(noise, 0.0, 0.0)._replace(usual=1100.0, shown=1000.0, held=(70.0, 100.0))
-    for tick in range(1, 20):
-        last, before = before, response_step(before, BOAT, noise, 0.0, (DT * tick, 0.0), (0.1, 0.1, 0.1, 0.0, 1.0))
-        if before.stuck > 0.0:
-            break
-    least = min(0.75 * (last.usual / last.shown * (1.0 - follows) + follows * last.held[0] / last.held[1]), 0.85)
-    _, gains, _, means = foreseen(
-        transition_of(BOAT, 0.0, noise.pace, DT), last.covariance, last.means, (0.1, 0.1, 0.0, 0.1),
-        (noise.heading, noise.acceleration, noise.push, noise.sea), DT,
-    )  # fmt: skip
-    off, answer = -means[0][0], means[1][0]
-    wanted = 0.5 * ((off - least * answer) ** 2 - off * off) / gains[0]
-    assert before.stuck == pytest.approx(wanted, rel=1e-9)
-    faded = 60.0 + math.exp(-DT / 900.0) * (last.held[1] - 60.0)
-    learnt = answer * answer / gains[0] if follows > 0.0 else 0.0
-    assert before.held[1] == pytest.approx(faded + learnt, rel=1e-9)
-
-
 def test_without_evidence_nothing_grows_and_what_speaks_for_the_boat_counts() -> None:
     def memory(value: float) -> ResponseState:
         others = NO_OTHERS._replace(lively=(value, value + 1), quick=(value + 2, value + 3))
