@@ -237,7 +237,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     is_ours = command.engaged and boat.rudder_is_ours
     estimate = with_order(estimate, now, command.angle) if is_ours else estimate
     if is_ours and not is_measured:
-        estimate, way, rate = with_gear_found(config, state, (estimate, way), dt, present, found)
+        estimate, way, rate = with_gear_found(config, state, (estimate, way), moved, present, found)
     else:
         rate = begun_at(present.rudder)
 
@@ -372,17 +372,19 @@ def with_gear_found(
     config: Config,
     state: State,
     boat: tuple[EstimatorState, Way],
-    dt: float,
+    moved: Moved,
     present: NavState,
     found: Mapping[str, AlarmEvent],
 ) -> tuple[EstimatorState, Way, RudderRate]:
     """Return what is known of a rudder without a sensor after a tick in which we commanded it; boat: what is known of
-    the boat, and its way; state: that from before the tick, `dt` [s] ago."""
-    (estimate, way), late, before = boat, boat[0].path.late, state.estimate.path.late
+    the boat, and its way; state: that from before the tick; moved: the last command and the time since."""
+    (estimate, way), (command, dt) = boat, moved
+    late, before = estimate.path.late, state.estimate.path.late
     # behind another path what was made of the rudder is none
     rate = begun_at(present.rudder) if late != before and abs(late - before) > PATH_LATER else state.rudder.rate
     rate = rate_so_far(estimate, way, rate, present, found)
-    return with_rudder_rate(config.steering, estimate, way, rate, (estimate.rudder.effective, dt), present)
+    there = estimate.rudder.effective if late else command
+    return with_rudder_rate(config.steering, estimate, way, rate, (there, dt), present)
 
 
 def with_rudder_rate(
@@ -394,13 +396,13 @@ def with_rudder_rate(
     steady: NavState,
 ) -> tuple[EstimatorState, Way, RudderRate]:
     """Return what is known of the rudder's rate after a tick; where it turns out to be another, the rudder is where
-    that gear would have it, and the rest of the turn is planned with it. moved: the order in effect and the time since
-    the tick before."""
+    that gear would have it, and the rest of the turn is planned with it. moved: the last command and the time since."""
     (command, dt), gear = moved, config.estimator.gear
+    limits = gear.angle_max, gear.rate_max
     on_course = way.order.kind is OrderKind.HEADING and steady.time >= way.guide.turning_until
     density, gusty = estimate.fusion.state.intensity.density, config.estimator.noises.usual.gusty_bias
     sea = steady.wave_deviation, density, gusty
-    rate = rudder_rate_step(estimate.model, before, (steady.rate, command, on_course), sea, gear, dt)
+    rate = rudder_rate_step(estimate.model, before, (steady.rate, command, on_course), sea, limits, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))

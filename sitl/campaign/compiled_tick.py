@@ -214,8 +214,8 @@ def tick(
     gear = config.estimator.gear
     gusty = config.estimator.noises.usual.gusty_bias
     sea = state.wave_deviation, listened.fusion.state.intensity.density, gusty
-    steered = state.rate, listened.rudder.effective, now >= pilot_state.guide.turning_until
-    rate = rudder_rate_step(model, pilot_state.rate, steered, sea, gear, dt)
+    steered = state.rate, pilot_state.command, now >= pilot_state.guide.turning_until
+    rate = rudder_rate_step(model, pilot_state.rate, steered, sea, (gear.angle_max, gear.rate_max), dt)
     gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
     return State(
