@@ -111,8 +111,8 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     psi += dt * (mean - bias)
     turned = mean - bias if mean > bias else bias - mean
     turning -= math.expm1(-dt / RATE_MEAN_TIME) * (turned - turning)
-    # waves that turn the boat between two rates are not seen: such rates are worth as little as their difference shows
-    differs = 0.5 * (rate - held) * (rate - held)
+    # what turns the boat between two rates is not seen: of a walk from one to the other the mean has this variance
+    differs = (rate - held) * (rate - held) / 12.0
     p00 += dt * (dt * (p11 + (of_rate if of_rate > differs else differs)) - 2.0 * p01)
     p01 -= dt * p11
     p11 += RATE_BIAS_CHANGE * dt
