@@ -650,10 +650,15 @@ def test_the_next_step_of_a_new_boat_is_in_view(size: tuple[int, int], browser: 
         page.goto(f"{address}/#token={TOKEN}")
         page.evaluate("location.hash = 'begin'")
         page.wait_for_selector("#step-rows > .next li")
+        page.evaluate("document.querySelector('#step-rows > .next').kept = true")
         assert page.is_hidden("#stale"), "a boat that is being set up has no pilot yet"
         title, nav = (page.locator(at).first.bounding_box() for at in ("#step-rows > .next b", "nav.main-nav"))
         assert title["y"] >= 0.0 and title["y"] + title["height"] <= nav["y"]
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        with page.expect_response("**/api/steps"):
+            page.evaluate("location.hash = 'helm'; location.hash = 'begin'")
+        page.wait_for_timeout(100)
+        assert page.evaluate("document.querySelector('#step-rows > .next').kept"), "looked at again it stands as it is"
         button = page.locator("#step-rows > .next button")
         button.scroll_into_view_if_needed()
         assert button.bounding_box()["y"] + button.bounding_box()["height"] <= nav["y"]

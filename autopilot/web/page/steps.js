@@ -3,7 +3,7 @@ import { get, may } from "./boat.js";
 
 const byId = (id) => document.getElementById(id);
 const make = (name, words = "", className = "") => Object.assign(document.createElement(name), { textContent: words, className });
-let tell = null;
+let tell = null, drawn = "";
 
 export function setUpSteps(say) {
   tell = say;
@@ -23,6 +23,14 @@ async function mark(name, done) {
 function draw(steps) {
   byId("begin-link").hidden = !steps;
   if (!steps) return;
+  // rows that are drawn anew take the keyboard's place with them
+  const shown = JSON.stringify([steps, may()]);
+  if (shown !== drawn) fill(steps);
+  drawn = shown;
+  document.querySelector("#step-rows > .next")?.scrollIntoView();
+}
+
+function fill(steps) {
   const left = steps.filter((step) => step.state !== "done").length, command = steps[0].command;
   byId("steps-word").textContent = left ? `${steps.length - left} of ${steps.length} done.` : `All done: the boat steers. In a terminal, ${command} shows the commands of every day.`;
   byId("step-rows").replaceChildren(...steps.map((step, place) => {
@@ -46,7 +54,6 @@ function draw(steps) {
     }
     return row;
   }));
-  document.querySelector("#step-rows > .next")?.scrollIntoView();
 }
 
 export async function showSteps() {
