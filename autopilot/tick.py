@@ -31,7 +31,7 @@ from autopilot.estimation.estimator import (
     without_disturbances,
 )
 from autopilot.estimation.instruments import speeds_apart
-from autopilot.estimation.path_delay import PathDelay, when_heard
+from autopilot.estimation.path_delay import PathDelay, is_other_path, when_heard
 from autopilot.estimation.rudder_observer import (
     RudderRate,
     angle_of,
@@ -40,7 +40,7 @@ from autopilot.estimation.rudder_observer import (
     rudder_rate_step,
     write_command,
 )
-from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, PATH_LATER, WAVE_DEVIATION_FIRST
+from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
 from autopilot.models.drives import THROTTLE_FLOOR, Needs
 from autopilot.models.norrbin import Norrbin
@@ -333,10 +333,9 @@ def monitored(
     """Return what monitors and the watch of thrusters remember, and what is the case; view: what they are shown."""
     times, angles, _, _, _, commands = estimate.memory
     history = times, angles, commands, estimate.rudder.ticks
-    late, before = estimate.path.late, state.estimate.path.late
-    monitors = by_other_path(monitors) if late != before and abs(late - before) > PATH_LATER else monitors
+    monitors = by_other_path(monitors) if is_other_path(state.estimate.path, estimate.path) else monitors
     monitors, found = judged(config.boat.alarms, monitors, view, history)
-    found = {**found, "path_late": path_event(estimate.path, config.boat.loop_delay)} if late else found
+    found = {**found, "path_late": path_event(estimate.path, config.boat.loop_delay)} if estimate.path.late else found
     if not config.has_thrusters:
         return monitors, state.thrusters, found
     return monitors, *watch_thrusters(config.boat, state, estimate, view, dt, found)
@@ -379,11 +378,9 @@ def with_gear_found(
     """Return what is known of a rudder without a sensor after a tick in which we commanded it; boat: what is known of
     the boat, and its way; state: that from before the tick; moved: the last command and the time since."""
     (estimate, way), (command, dt) = boat, moved
-    late, before = estimate.path.late, state.estimate.path.late
-    # behind another path what was made of the rudder is none
-    rate = begun_at(present.rudder) if late != before and abs(late - before) > PATH_LATER else state.rudder.rate
+    rate = begun_at(present.rudder) if is_other_path(state.estimate.path, estimate.path) else state.rudder.rate
     rate = rate_so_far(estimate, way, rate, present, found)
-    there = estimate.rudder.effective if late else command
+    there = estimate.rudder.effective if estimate.path.late else command
     return with_rudder_rate(config.steering, estimate, way, rate, (there, dt), present)
 
 

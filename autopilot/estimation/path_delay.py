@@ -210,6 +210,11 @@ def _compared(before: PathDelay, squares: list[float], filed: float, least: floa
     return before._replace(costs=costs, weight=weight, delay=delay, late=lateness(late, delay - filed, later))
 
 
+def is_other_path(before: PathDelay, after: PathDelay) -> bool:
+    """Return whether orders come so much later or sooner than `before` that what was made of the rudder is none."""
+    return after.late != before.late and abs(after.late - before.late) > PATH_LATER
+
+
 def lateness(late: float, more: float, later: float = PATH_LATER) -> float:
     """Return what is steered by [s] where orders turn out to come so much `more` [s] later than filed, and `late` was
     steered by."""
