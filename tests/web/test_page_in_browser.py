@@ -649,7 +649,8 @@ def test_the_next_step_of_a_new_boat_is_in_view(size: tuple[int, int], browser: 
         page = browser.new_context(viewport=dict(zip(("width", "height"), size, strict=True))).new_page()
         page.goto(f"{address}/#token={TOKEN}")
         page.evaluate("location.hash = 'begin'")
-        page.wait_for_selector("#step-rows > .next li")
+        # the rows are drawn anew, with their buttons, once the page knows that it may order
+        page.wait_for_selector("#step-rows > .next button")
         page.evaluate("document.querySelector('#step-rows > .next').kept = true")
         assert page.is_hidden("#stale"), "a boat that is being set up has no pilot yet"
         title, nav = (page.locator(at).first.bounding_box() for at in ("#step-rows > .next b", "nav.main-nav"))
