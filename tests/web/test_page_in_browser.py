@@ -20,6 +20,8 @@ from page_server import TOKEN, SailingHub, chromium, served
 from autopilot.cli.web import PageOfSteps
 from autopilot.report.page import Opening, Section, render
 from autopilot.signals import AlarmEvent, AlarmSample
+from autopilot.supervision.alarms import CATALOGUE
+from autopilot.supervision.panel import sentence_of
 from autopilot.vessel.schema import Vessel
 
 pytestmark = pytest.mark.real_time
@@ -333,12 +335,14 @@ def test_nothing_is_covered_cut_off_or_too_small_even_under_an_alarm(
     page.context.close()
 
 
-MEASURE = """(all) => Object.fromEntries(all.map((selector) => {
+MEASURE = """async (all) => { for (let frame = 0; frame < 2; frame++) await new Promise(requestAnimationFrame);
+  return Object.fromEntries(all.map((selector) => {
   const at = document.querySelector(selector), { top, bottom, width, height } = at.getBoundingClientRect();
   const letters = parseFloat(getComputedStyle(at).fontSize);
   return [selector, { top, bottom, width, height, letters, stands_out: at.scrollWidth > at.clientWidth }];
-}))"""
+})); }"""
 SMALL = ((320, 568), (568, 320), (640, 360), (667, 375), (390, 844), (844, 390), (1280, 800))
+SMALL += ((800, 600), (1000, 600), (1023, 540))
 ALL_THAT_STEERS = ["button[data-turn='-10']", "button[data-turn='10']", "#engage", "#route", "#standby"]
 ALL_THAT_STEERS += ["button[data-dodge='-20']", "#back", "button[data-dodge='20']"]
 
@@ -393,6 +397,38 @@ def test_what_steers_is_in_reach_on_small_screens_under_an_alarm_too(helm: Helm,
         word(page, "mode-word", "Standby")
         helm.vane.is_acknowledged = False
     alarm(helm, None, mode)
+    page.context.close()
+
+
+CUT_OFF = """async (all) => {
+  const { boat } = await import("/boat.js"), { drawAlarms } = await import("/alarms.js"), cut = [];
+  for (const [name, priority, words] of all) {
+    boat.alarms = [{ name, priority, words, sounds: true, acknowledged: false, since: 0 }];
+    drawAlarms();
+    for (const at of document.querySelectorAll("#bar :is(.words, .wrong, small)"))
+      if (at.scrollHeight > at.clientHeight + 2) cut.push(name);
+  }
+  return cut;
+}"""
+
+
+def test_each_advice_is_whole_on_phones_with_a_man_overboard(helm: Helm) -> None:
+    page = helm.open()
+    until(page, "document.body.dataset.may === 'yes'")
+    kinds = [kind for kind in CATALOGUE.values() if kind.sounds]
+    said = [(kind.name, kind.priority.name.lower(), sentence_of(AlarmEvent(kind.name))) for kind in kinds]
+    assert len(said) > 50
+    for is_overboard in (False, True):
+        if is_overboard:
+            page.click("#mob")
+            page.wait_for_selector("#overboard")
+        for width, height in ((390, 844), (375, 667), (360, 640), (844, 390), (1023, 540)):
+            page.set_viewport_size({"width": width, "height": height})
+            found = page.evaluate(CUT_OFF, said)
+            assert found == [], f"{width}x{height}, {is_overboard=}"
+    for _ in range(2):
+        page.click("#mob-off")
+    page.wait_for_selector("#overboard", state="hidden")
     page.context.close()
 
 

@@ -9,6 +9,9 @@ let give = null;
 
 export function setUpAlarms(order) {
   give = order;
+  new ResizeObserver(fit).observe(document.querySelector("main"));
+  addEventListener("hashchange", fit);
+  byId("bar").addEventListener("click", ({ target }) => { if (!target.closest("button, a")) location.hash = "alarms"; });
   byId("all-seen").addEventListener("click", () => give({ do: "acknowledge" }, byId("all-seen")));
 }
 
@@ -20,7 +23,8 @@ function split({ words: all }) {
 }
 
 function tag(alarm, lit) {
-  const element = make("b", `${SIGNS[alarm.priority] ?? "●"} ${alarm.priority}`, `tag ${alarm.priority}`);
+  const element = make("b", SIGNS[alarm.priority] ?? "●", `tag ${alarm.priority}`);
+  element.append(make("span", ` ${alarm.priority}`));
   element.classList.toggle("blinks", lit);
   return element;
 }
@@ -35,10 +39,27 @@ function seen(alarm) {
 function line(alarm) {
   const [wrong, todo] = split(alarm);
   const words = make("p", "", "words");
-  words.append(tag(alarm, alarm.sounds), make("span", ` ${wrong}`, "wrong"));
+  const what = make("span", "", "wrong");
+  what.append(tag(alarm, alarm.sounds), ` ${wrong}`);
+  words.append(what);
   if (alarm.acknowledged) words.append(make("i", " acknowledged"));
   if (todo) words.append(make("small", todo));
   return words;
+}
+
+/* As many lines as leave what steers, or the chart, whole below; all of them stand on the page of alarms, a touch away. */
+function fit() {
+  const bar = byId("bar"), main = document.querySelector("main");
+  if (bar.hidden) return;
+  const below = document.querySelector(document.body.dataset.page === "chart" ? ".sea" : ".first");
+  const fits = (todo, wrong) => {
+    bar.style.setProperty("--lines", todo);
+    bar.style.setProperty("--wrong", wrong);
+    return below.getBoundingClientRect().bottom + main.scrollTop <= main.getBoundingClientRect().bottom + 1;
+  };
+  let lines = 7;
+  while (!fits(lines, lines) && lines > 1) lines--;
+  if (lines < 7 && !fits(lines, lines + 1) && !fits(lines + 1, lines)) fits(lines, lines);
 }
 
 function drawBar(alarms) {
@@ -50,6 +71,7 @@ function drawBar(alarms) {
   const more = make("a", rest ? `${rest} more` : "History", "more");
   more.href = "#alarms";
   bar.replaceChildren(line(first), ...(sounding && may() ? [seen(first)] : []), ...(rest ? [more] : []));
+  fit();
 }
 
 function drawPage(alarms) {
