@@ -265,17 +265,20 @@ class Parser(argparse.ArgumentParser):
         """Remember what was typed, so that a mistake can be named whatever fails first."""
         self._given = tuple(sys.argv[1:] if args is None else args)
         known, unknown = super().parse_known_args(args, namespace)
-        stray = [word for word in unknown if word.startswith("--")]
+        stray = [word for word in unknown if word.startswith("-")]
         # here and not where the program's own parser finds them: this one knows the command's options
         if stray:
             self._refuse_option(stray[0])
+        if unknown and not any(map(_has_commands, self._actions)):
+            takes = " ".join(str(each.metavar or each.dest) for each in self._actions if not each.option_strings)
+            self._refuse(f"{unknown[0]!r} is one word too many; it takes {takes or 'options alone'}")
         return known, unknown
 
     def error(self, message: str) -> NoReturn:
         """End the program with one sentence that says what to type instead."""
         choice = CHOICE.match(message)
         unknown = next((word for word in self._given if self._is_stray(word)), None)
-        commands = [each.metavar for each in self._actions if isinstance(each, argparse._SubParsersAction)]
+        commands = [each.metavar for each in self._actions if _has_commands(each)]
         # what follows a mistyped command are options of the command that was meant
         if unknown is not None and (choice is None or choice[1] not in commands):
             self._refuse_option(unknown)
@@ -357,6 +360,10 @@ class Parser(argparse.ArgumentParser):
             groups.append((group.title, rest))
             groups += [(title, actions) for title, actions in apart.items() if actions]
         return groups
+
+
+def _has_commands(action: argparse.Action) -> bool:
+    return isinstance(action, argparse._SubParsersAction)
 
 
 def nearest(typed: str, known: Sequence[str]) -> str:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
 from autopilot.angles import compass_text
-from autopilot.files.printable import PrintableStream, printable, rewrite_line
+from autopilot.files.printable import PrintableStream, folded, printable, rewrite_line
 from autopilot.signals import AlarmEvent, Mode, OrderKind, RudderSample, Tick
 from autopilot.supervision.panel import sentences_of
 
@@ -67,6 +67,8 @@ CHUNK = 512
 MEASURED_S = 3.0
 """So long after its last word a rudder sensor counts as one."""
 NARROWEST = 20
+HANGING = 12
+"""Blanks before what goes on from a line that begins with the time."""
 WIDEST_TYPED = 30
 TYPED_MOST = 200
 """Characters of a typed line; what a held key or a pasted file brings beyond them is dropped."""
@@ -269,7 +271,7 @@ class StatusLine:
     def print_line(self, text: str) -> None:
         """Print a text above the line."""
         if self._live:
-            rewrite_line(sys.stdout, text, "\n")
+            rewrite_line(sys.stdout, folded(text, columns(), HANGING if text.startswith(" ") else 0), "\n")
         else:
             print(text, flush=True)
         self._next = -math.inf

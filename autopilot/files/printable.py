@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import re
 import sys
 from collections.abc import Collection, Iterator, Sequence
@@ -25,6 +26,10 @@ WORD, CUT = 400, 100
 """A word longer than WORD is cut to its first CUT characters."""
 LONG = 1.0e9
 """Numbers from this on are shown in powers of ten."""
+WIDEST = 80
+"""Columns of the terminal that everybody has."""
+NARROWEST = 40
+"""Columns of a terminal on which lines are broken between words."""
 KEPT = "\n\t"
 """What our own lines and tables are made with."""
 
@@ -65,24 +70,66 @@ def fixed(value: float, places: int, sign: str = "") -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
-    """Return the rows of a table, a line each: columns flush left, those of `right` flush right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            cell.rjust(width) if place in right else cell.ljust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
+    """Return the rows of a table, one each: columns flush left, those of `right` flush right.
+
+    Where they would be wider than a terminal, the names of the columns stand in several lines.
+    """
+    head, *body = ([[cell] for cell in row] for row in rows)
+    if sum(max(map(len, column)) + 2 for column in zip(*rows, strict=True)) > WIDEST:
+        longest = [max(map(len, column)) for column in zip(*(rows[1:] or rows), strict=True)]
+        head = [_in_lines(cell, width) for [cell], width in zip(head, longest, strict=True)]
+    deepest = max(map(len, head))
+    head = [[""] * (deepest - len(cell)) + cell for cell in head]
+    widths = [max(len(line) for cell in column for line in cell) for column in zip(head, *body, strict=True)]
+    lines = [
+        [
+            "  ".join(
+                line.rjust(width) if place in right else line.ljust(width)
+                for place, (line, width) in enumerate(zip(line_of_cells, widths, strict=True))
+            ).rstrip()
+            for line_of_cells in zip(*row, strict=True)
+        ]
+        for row in (head, *body)
     ]
+    return ["\n".join(row) for row in lines]
+
+
+def _in_lines(name: str, width: int) -> list[str]:
+    """Return the name of a column in lines no longer than `width`, or its longest word."""
+    lines = [""]
+    for word in name.split():
+        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return lines
 
 
 _LONG_WORD = re.compile(rf"\S{{{WORD + 1},}}")
 
 
+_NO_PROSE = re.compile(r"""\s*[{\["'$]|.*(\S {2}| --|\t)""")
+"""Lines that are left as they are: JSON, tables, and commands that somebody may copy."""
+
+
+def folded(text: str, width: int, hanging: int | None = None) -> str:
+    """Return `text` with its prose broken between words at `width` characters, each line indented as it began; with
+    `hanging` every line is broken, and goes on behind so many blanks."""
+    lines = text.split("\n")
+    for at, line in enumerate(lines):
+        if len(line) > width and (hanging is not None or not _NO_PROSE.match(line)):
+            import textwrap  # few lines are that long
+
+            indent = " " * (len(line) - len(line.lstrip()) if hanging is None else hanging)
+            lines[at] = textwrap.fill(
+                line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+            )
+    return "\n".join(lines)
+
+
 class PrintableStream:
     """A text stream for people, over `inside`: what is written comes out printable, line by line.
 
-    What `inside` cannot encode comes out as escapes too, and ends nothing.
+    What `inside` cannot encode comes out as escapes too, and ends nothing. On a terminal words stay whole.
     """
 
     def __init__(self, inside: TextIO) -> None:
@@ -91,11 +138,20 @@ class PrintableStream:
     def write(self, text: str) -> int:
         """Write `text`, line ends and tabs as they are."""
         shown = escaped(text, KEPT)
+        if len(shown) > NARROWEST and (width := self._columns()) >= NARROWEST:
+            shown = folded(shown, width)
         encoding = getattr(self.inside, "encoding", None) or "utf-8"
         if not shown.isascii():
             shown = shown.encode(encoding, "backslashreplace").decode(encoding)
         self.inside.write(shown)
         return len(text)
+
+    def _columns(self) -> int:
+        """Return the width of the terminal, 0 where it is none."""
+        try:
+            return os.get_terminal_size(self.inside.fileno()).columns
+        except (AttributeError, OSError, ValueError):
+            return 0
 
     def writelines(self, lines: Any) -> None:
         """Write each."""

@@ -112,7 +112,7 @@ def parse_document(text: str, file: str = "<text>") -> Node:
     try:
         root = _Reader(text, file).document()
     except yaml.MarkedYAMLError as error:
-        raise InputError(_syntax_sentence(error, file)) from None
+        raise InputError(_syntax_sentence(error, file, text)) from None
     except (yaml.YAMLError, UnicodeError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{file}: holds characters that YAML does not allow ({reason}).") from None
@@ -128,9 +128,12 @@ def plain(node: Node) -> Any:
     return node.value
 
 
-def _syntax_sentence(error: yaml.MarkedYAMLError, file: str) -> str:
+def _syntax_sentence(error: yaml.MarkedYAMLError, file: str, text: str) -> str:
     mark = error.problem_mark or error.context_mark
     place = f"{file}, line {mark.line + 1}, column {mark.column + 1}" if mark else file
+    lines = text.splitlines()
+    if mark and mark.line < len(lines) and "\t" in lines[mark.line][: mark.column + 1]:
+        return f"{place}: not valid YAML: there is a tab; indent with spaces."
     what = ", ".join(part for part in (error.context, error.problem) if part)
     return f"{place}: not valid YAML: {what}."
 

@@ -264,7 +264,8 @@ class Shipped(NamedTuple):
                 )
             return read_document(path)
         if name not in shipped:
-            near = nearest(name, [*shipped, *also])
+            begun = [each for each in (*shipped, *also) if each.startswith(name)]
+            near = " or ".join(begun) or nearest(name, [*shipped, *also])
             hint = f"did you mean {near}?" if near else f"shipped are {', '.join([*shipped, *also])}."
             raise InputError(f"{name}: neither a file nor {self.kind}; {hint}")
         text = (self._place() / f"{name}.yaml").read_text(encoding="utf-8")

@@ -326,7 +326,8 @@ def front_as_text(vessel: Vessel, front: Sequence[LevelCost], chosen_level: int 
     table = front_table(vessel, front)
     lines = aligned(table, right=range(1, len(table[0])))
     marked = [f"{'*' if row.level == chosen_level else ' '} {line}" for row, line in zip(front, lines[1:], strict=True)]
-    return "\n".join([f"  {lines[0]}", *marked, FRONT_SENTENCE])
+    head = lines[0].replace("\n", "\n  ")
+    return "\n".join([f"  {head}", *marked, FRONT_SENTENCE])
 
 
 def front_as_json(front: Sequence[LevelCost]) -> list[dict[str, float | int]]:
@@ -479,7 +480,7 @@ def speeds_as_text(rows: Mapping[str, Judged]) -> str:
     for name, each in chosen(rows).items():
         rows_of_it = speed_table(each)
         lines.append(f"{name}, by speed")
-        lines += [f"    {line}" for line in aligned(rows_of_it, right=range(len(rows_of_it[0])))]
+        lines += aligned(rows_of_it, right=range(len(rows_of_it[0])))
     return "\n".join([*lines, UNSCHEDULED])
 
 

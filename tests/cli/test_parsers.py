@@ -31,6 +31,8 @@ ALL = [command for program in PROGRAMS.values() for command in parsers_of(progra
         ("autopilot run lanxin --link x --law pdi", "'pdi' is no choice for --law; did you mean pid?"),
         ("autopilot run lanxin", "missing: --link"),
         ("autopilot gains lanxin --zzz", "--zzz is no option of `autopilot gains`"),
+        ("autopilot gains lanxin boat.yaml", "'boat.yaml' is one word too many; it takes VESSEL.yaml"),
+        ("autopilot run lanxin --link x -5", "-5 is no option of `autopilot run`"),
         ("sitl sreve", "'sreve' is no command of `sitl`; did you mean serve?"),
         ("sitl serve lanxin --mavlnk x", "--mavlnk is no option of `sitl serve`; did you mean --mavlink?"),
     ],

@@ -69,7 +69,7 @@ def test_plain_values_mean_what_yaml_1_2_says(text: str, value: object) -> None:
         ("", "f.yaml: empty; it must hold keys and values."),
         ("# only a comment", "f.yaml: empty"),
         ("a: [1", "not valid YAML"),
-        ("a:\n\tb: 1", "f.yaml, line 2, column 1: not valid YAML"),
+        ("a:\n\tb: 1", "f.yaml, line 2, column 1: not valid YAML: there is a tab; indent with spaces."),
         ("a: \x07", "f.yaml: holds characters that YAML does not allow"),
         ("a: " + "[" * 30 + "]" * 30, "nested deeper than 20 levels"),
     ],

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+import termios
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from autopilot.cli.log import measures_as_text as measures_text
 from autopilot.cli.main import main
 from autopilot.cli.params_reading import difference_table
 from autopilot.cli.steering import StatusLine
-from autopilot.files.printable import PrintableStream, fixed, printable, rewrite_line
+from autopilot.files.printable import PrintableStream, fixed, folded, printable, rewrite_line
 from autopilot.firmware.download import Difference
 from autopilot.identification.trial_measures import Circle, Measures, PullOut, Spiral, Zigzag
 from autopilot.logs.reading import LogInfo, SeriesInfo
@@ -46,6 +47,32 @@ def test_a_stream_for_people_takes_any_text(parts: list[str], encoding: str) -> 
     shown = bottom.getvalue().decode(encoding)
     assert shown.replace("\n", "").replace("\t", "").isprintable()
     assert shown.count("\n") == "".join(parts).count("\n")
+
+
+@given(st.lists(st.text("abc-", min_size=1, max_size=12), min_size=1, max_size=60), st.integers(40, 120))
+def test_on_a_terminal_words_stay_whole_and_all_are_there(words: list[str], width: int) -> None:
+    master, slave = os.openpty()
+    try:
+        termios.tcsetwinsize(slave, (24, width))
+        with open(slave, "w", closefd=False) as terminal:
+            prose = " ".join(words).replace(" --", " ")
+            for said in (prose, f"   {prose}"):
+                PrintableStream(terminal).write(f"{said}\n")
+                terminal.flush()
+                lines = os.read(master, 4096).decode().splitlines()
+                assert " ".join(lines).split() == said.split()
+                assert all(len(line) <= width for line in lines)
+                indents = {len(line) - len(line.lstrip()) for line in lines}
+                assert indents == {len(said) - len(said.lstrip())}
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+@pytest.mark.parametrize("line", ["K  0.6805  0.0078 and on", '  "words": "of JSON",', "autopilot run a.yaml --link b"])
+def test_tables_json_and_commands_to_copy_are_not_broken(line: str) -> None:
+    assert folded(line, 20) == line
+    assert folded("prose that has no such marks", 20) == "prose that has no\nsuch marks"
 
 
 @given(

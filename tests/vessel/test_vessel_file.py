@@ -171,6 +171,8 @@ def test_names_and_paths_that_lead_nowhere(tmp_path: Path, monkeypatch: pytest.M
     shipped = load_vessel("lanxin")
     with pytest.raises(InputError, match=r"^lanxn: neither a file nor shipped; did you mean lanxin\?$"):
         load_vessel("lanxn")
+    with pytest.raises(InputError, match=r"did you mean esso_osaka or esso_tanker\?$"):
+        load_vessel("esso")
     with pytest.raises(InputError, match="shipped are blueboat"):
         load_vessel("zzz")
     with pytest.raises(InputError, match=r"lanxin\.yaml: no such file here; the shipped file is named lanxin"):
