@@ -114,6 +114,12 @@ def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Se
     )
 
 
+def counts_as_course(seaway: Seaway, now: float, holds_course: bool) -> bool:
+    """Return whether a rudder is judged at `now` [s] as on a course that is held: in a turn too as long as it is not
+    known how large the sea is, which may be what keeps the boat from turning."""
+    return holds_course or not now - seaway.begun >= SEA_KNOWN_S
+
+
 def sea_of(model: Norrbin, swing: float, pace: float) -> float:
     """Return the sea [rad^2 of rudder] that yaws the boat by `swing` [rad] at its pace [1/s]."""
     yaw, lag = swing * pace / model.gain, pace * model.time_constant

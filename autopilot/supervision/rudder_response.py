@@ -17,7 +17,8 @@ that may have begun with the evidence is one more explanation: where it is likel
 
 A sea other than the one that is estimated accuses a healthy rudder, as the rudder follows it. So the same is weighed in
 the sea as it was learnt, too (`response_spectrum`): a verdict takes both together, and something of each. In a turn it
-takes less: there the order moves the rudder, and not the sea.
+takes less: there the order moves the rudder, and not the sea. But until the sea is known what keeps a boat from turning
+may be a sea that is larger than supposed, and a turn is judged as a course is (`counts_as_course`).
 
 Sources: Willsky and Jones 1976, the generalised likelihood ratio of an additive change, here of a change in a; Page
 1954, the cumulative sum. Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.

@@ -35,6 +35,7 @@ from autopilot.supervision.response_filter import (
     SEA_KNOWN_S,
     Seaway,
     changing_noise,
+    counts_as_course,
     seaway_noise,
     seaway_step,
 )
@@ -155,7 +156,8 @@ def evidence_step(
         at = in_time, rudders[1], slow if slow == slow else in_time, slide, seen.weaker
         after = response_step(response, model, noise, rate, (time, heading), at)
         response, last = after if time > late_until else without_evidence(response, after), heading
-        carried = carried_on(carried, response, seen.holds_course, time - known)
+        as_course = counts_as_course(seaway, now, seen.holds_course)
+        carried = carried_on(carried, response, as_course, time - known)
     return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried)
 
 
@@ -205,7 +207,8 @@ def judge_response(
     response = evidence.response
     # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
     other = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED
-    found = verdict(response, enough(evidence.carried, seen.holds_course))
+    as_course = counts_as_course(evidence.seaway, now, seen.holds_course)
+    found = verdict(response, enough(evidence.carried, as_course))
     if seen.follows:
         return Response(evidence, source, math.nan, False, False, other, found)
     is_known = not math.isnan(response.time)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from alarm_texts import words_of
 from boats import BOATS, Boat, vessel_of
+from fault_boat import FaultBoat, is_engaged, route
 from plant import Plant, sail
 
 from autopilot.angles import wrap
@@ -252,3 +253,15 @@ def test_a_slow_compass_of_a_boat_that_is_thrown_round_is_not_lost(name: str, hz
             assert "overpowered" in {event.name for event in tick.alarms}, words_of(tick)
             return
         plant.step(tick.command.angle, STEP)
+
+
+@pytest.mark.parametrize("seed", [2026112904, 2026112941])
+def test_a_sea_not_yet_known_accuses_no_rudder_in_a_turn(seed: int) -> None:
+    """Engaged four seconds after the start on a route 40 deg off; the sea is worth 3 deg of rudder, and is taken for 1
+    as yet."""
+    boat = FaultBoat("companion", int(np.random.SeedSequence(seed).generate_state(1)[0]))
+    boat.run(3.0)
+    boat.skipper.hand_to_track()
+    boat.track.follow(route(boat))
+    assert boat.run(8.0, until=is_engaged)
+    assert not boat.run(20.0, until=lambda tick: tick.mode is not Mode.ENGAGED), boat.tick.alarms

@@ -24,6 +24,7 @@ from autopilot.supervision.response_filter import (
     Covariance,
     Noise,
     all_moved,
+    counts_as_course,
     foreseen,
     seaway_noise,
     seaway_step,
@@ -370,6 +371,14 @@ def test_a_turn_asks_for_less_evidence_but_for_what_was_carried_into_it() -> Non
     )
     turned = accused(10.5, 1.5)
     assert (verdict(turned, enough(0.0, False)), verdict(turned, enough(0.0, True))) == (1, 0)
+
+
+def test_until_the_sea_is_known_a_turn_counts_as_a_course() -> None:
+    """The longest wave that is estimated lasts 15.7 s."""
+    begun = NO_SEAWAY._replace(begun=100.0)
+    assert [counts_as_course(begun, now, False) for now in (100.0, 115.6, 115.8)] == [True, True, False]
+    assert counts_as_course(NO_SEAWAY, 115.8, False)
+    assert counts_as_course(begun, 115.8, True)
 
 
 def test_a_sea_that_is_not_the_one_estimated_asks_for_as_much_more_evidence() -> None:
