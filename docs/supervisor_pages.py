@@ -12,8 +12,8 @@ from pathlib import Path
 from alarm_conditions import CONDITIONS
 
 from autopilot.signals import Mode, SupervisorState
-from autopilot.supervision.alarm_words import WORDS
 from autopilot.supervision.alarms import CATALOGUE, SOUNDS, AlarmKind, Priority, Response
+from autopilot.supervision.panel import WORDS
 from autopilot.supervision.states import MODES, TABLE, Action, Event, Row, Says
 
 COMMAND = "python docs/supervisor_pages.py"
@@ -113,7 +113,7 @@ def alarms_page() -> str:
     ]
     for response, group in groupby(kinds, key=lambda kind: kind.response):
         parts += [f"## {response.value[0].upper()}{response.value[1:]}", _alarm_table(group)]
-    source = "`autopilot/supervision/alarms.py` and `alarm_words.py`"
+    source = "`autopilot/supervision/alarms.py` and `panel.py`"
     parts.append(f"This page is generated from {source} by `{COMMAND}`.")
     return "\n\n".join(parts) + "\n"
 

@@ -14,7 +14,6 @@ from autopilot.angles import shortest_turn
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSample, Sample
 from autopilot.supervision import (
-    against_rudder,
     compass_watch,
     course_watch,
     frozen_heading,
@@ -44,12 +43,12 @@ class Stepped:
 
 def overpowered() -> Stepped:
     """Return the monitor of a push that is heavier than the rudder."""
-    return Stepped(against_rudder.overpowered_step, against_rudder.NOT_OVERPOWERED)
+    return Stepped(rudder_following.overpowered_step, rudder_following.NOT_OVERPOWERED)
 
 
 def runaway() -> Stepped:
     """Return the monitor of a boat that turns against its rudder."""
-    return Stepped(against_rudder.runaway_step, against_rudder.NO_RUNAWAY)
+    return Stepped(rudder_following.runaway_step, rudder_following.NO_RUNAWAY)
 
 
 def off_course(limits: AlarmLimits, side: float = 1.0) -> Stepped:

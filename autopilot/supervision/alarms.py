@@ -1,9 +1,9 @@
 """Every alarm and what follows from it: what the pilot does, how bad it is, whether it sounds, whether a trial goes on.
 
 What happens travels as an `AlarmEvent` with a name of this table; all that follows is looked up here, and nothing from
-words: those stand in `autopilot.supervision.alarm_words`, and `autopilot.supervision.panel` makes sentences of them
-where they are shown. The page docs/alarms.md is drawn from both (`docs/supervisor_pages.py`). Who watches
-for something outside of the pilot says so with a `ConditionSample` of the alarm's name. Pure.
+words: those stand in `autopilot.supervision.panel`, which makes sentences of them where they are shown. The page
+docs/alarms.md is drawn from both (`docs/supervisor_pages.py`). Who watches for something outside of the pilot says so
+with a `ConditionSample` of the alarm's name. Pure.
 """
 
 from __future__ import annotations

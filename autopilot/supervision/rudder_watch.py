@@ -1,8 +1,7 @@
 """The rudder watch: a rudder that does not move, does not follow, moves the wrong way, or is not enough.
 
-By its sensor and the order that the steering gear reports (`rudder_following`), by the answer of the boat
-(`rudder_response`), and by a boat that turns against it (`against_rudder`). What it finds of boat, rudder and speed
-counts until we let go. Pure.
+By its sensor and the order that the steering gear reports, and by a boat that turns against it (`rudder_following`),
+and by the answer of the boat (`rudder_response`). What it finds of boat, rudder and speed counts until we let go. Pure.
 """
 
 from __future__ import annotations
@@ -15,14 +14,6 @@ from typing import NamedTuple
 from autopilot.angles import PI, wrap
 from autopilot.estimation.disturbance import slide_step
 from autopilot.signals import AlarmEvent, HeadingSample
-from autopilot.supervision.against_rudder import (
-    NO_RUNAWAY,
-    NOT_OVERPOWERED,
-    Overpowered,
-    Runaway,
-    overpowered_step,
-    runaway_step,
-)
 from autopilot.supervision.monitor_input import (
     AlarmLimits,
     Measured,
@@ -39,7 +30,18 @@ from autopilot.supervision.response_filter import (
     seaway_noise,
     seaway_step,
 )
-from autopilot.supervision.rudder_following import Following, History, followed, is_anothers
+from autopilot.supervision.rudder_following import (
+    NO_RUNAWAY,
+    NOT_OVERPOWERED,
+    Following,
+    History,
+    Overpowered,
+    Runaway,
+    followed,
+    is_anothers,
+    overpowered_step,
+    runaway_step,
+)
 from autopilot.supervision.rudder_response import (
     FILED,
     LIVELIER,

@@ -30,7 +30,7 @@ from autopilot.operators.trial_script import TrialScript, steps_of
 from autopilot.report.log_pages import trials_page
 from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of
 from autopilot.signals import AlarmEvent, AlarmSample, HelmSample, Mode, PositionSample, Sample, SpeedSample, Tick
-from autopilot.supervision.alarm_words import WORDS
+from autopilot.supervision.panel import WORDS
 from autopilot.vessel.file import load_vessel
 
 VESSEL = load_vessel("lanxin")

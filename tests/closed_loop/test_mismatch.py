@@ -18,7 +18,7 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import Mode, Order, OrderKind, RudderSample, Sample, SpeedSample, Tick
-from autopilot.supervision.alarm_words import WORDS
+from autopilot.supervision.panel import WORDS
 from autopilot.vessel.schema import Vessel
 
 STABLE = ("lanxin", "middle", "slow")

@@ -23,7 +23,7 @@ from autopilot.links.ground_station.mission import Mission
 from autopilot.links.ground_station.station_service import ParameterServer
 from autopilot.links.transports import loopback_pair
 from autopilot.signals import AlarmEvent, AlarmSample, ConditionSample, HelmSample, Sample, Tick
-from autopilot.supervision import alarm_words, panel
+from autopilot.supervision import panel
 from autopilot.supervision.supervisor import waits_to_engage
 from autopilot.web.journal import AlarmBoard
 
@@ -91,9 +91,9 @@ def unworded(sample: Sample) -> Sample:
 
 def change_every_sentence(boat: FaultBoat) -> None:
     """From now on nothing is said in the words that anybody wrote."""
-    for name, words in alarm_words.WORDS.items():
+    for name, words in panel.WORDS.items():
         changed = words._replace(text=word_for(words.text), remedy=word_for(words.remedy), sentence=word_for(name))
-        alarm_words.WORDS[name] = changed
+        panel.WORDS[name] = changed
     panel._said = lambda event: word_for(repr(event._replace(is_escalated=False)))  # type: ignore[assignment]
     panel.UNACKNOWLEDGED = word_for(panel.UNACKNOWLEDGED)
     judged = one_tick.judged

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from autopilot.signals import SupervisorState
-from autopilot.supervision.alarm_words import WORDS
 from autopilot.supervision.alarms import CATALOGUE, Response
+from autopilot.supervision.panel import WORDS
 from autopilot.supervision.states import (
     ENDED,
     ENDINGS,
