@@ -36,11 +36,11 @@ from autopilot.vessel.file import load_vessel
 from sitl.boat import boat_step
 from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, ordered, readings
 from sitl.campaign.compiled_tick import Measurement, initial_state, tick
-from sitl.campaign.environment import WaterState, water_step
 from sitl.campaign.setting import setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Job, SeaSection, Study, number_of_runs
 from sitl.compiled import compiled
 from sitl.scenario import HullSection, IttcSection, WavesSection, WindSection
+from sitl.sea import WaterState, water_step
 
 STATE_5 = SeaSection(
     # WMO-No. 306, code table 3700, middle of the range; peak period and wind of the open ocean, Bales 1982

@@ -28,11 +28,11 @@ from autopilot.supervision.rudder_response import by_blocks, by_headings, enough
 from sitl.boat import boat_step
 from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, readings
 from sitl.campaign.compiled_tick import Measurement, initial_state, tick
-from sitl.campaign.environment import WaterState, water_step
 from sitl.campaign.setting import setting_of, workspace_of
 from sitl.campaign.study import BoatSection, Job, MismatchSection, SeaSection, Study, number_of_runs
 from sitl.compiled import compiled
 from sitl.scenario import HullSection, SecondOrderSection, WavesSection
+from sitl.sea import WaterState, water_step
 
 HELD_S = 60.0
 TURNS_DEG = (0.0, 30.0, 20.0, 80.0, 70.0, 30.0, -30.0, -20.0)

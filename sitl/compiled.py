@@ -27,7 +27,11 @@ REORDERED = (
     "autopilot.estimation.heading_ekf",
     "autopilot.estimation.disturbance",
     "sitl.boat",
-    "sitl.campaign.environment",
+    "sitl.sea.water_step",
+    "sitl.sea._meet",
+    "sitl.sea._phases",
+    "sitl.sea.turned",
+    "sitl.sea.summed",
     "autopilot.supervision.response_filter",
     "autopilot.supervision.response_spectrum",
     "autopilot.supervision.rudder_response",
@@ -103,7 +107,7 @@ def _allocates(function: FunctionType) -> bool:
 
 def _freedom(function: FunctionType) -> Any:
     """Return what the compilation may do to the arithmetic of a function; numba wants False for nothing."""
-    return ARITHMETIC if function.__module__.startswith(REORDERED) else False
+    return ARITHMETIC if f"{function.__module__}.{function.__name__}".startswith(REORDERED) else False
 
 
 def _cache_folder(asked: str) -> Path:

@@ -20,8 +20,7 @@ from autopilot.estimation.rudder_observer import RudderMemory
 from autopilot.models.weather import WaveState
 from sitl.boat import BoatState, Disturbance, Plant, Step, boat_step
 from sitl.campaign.compiled_tick import CampaignConfig, Measurement, initial_state, tick
-from sitl.campaign.environment import Surface, WaterState, water_step
-from sitl.sea import Water
+from sitl.sea import Surface, Water, WaterState, water_step
 from sitl.sensors import HEADING, RATE, SPEED, Noise, shown
 
 SETTLED = math.radians(1.0)

@@ -35,10 +35,9 @@ from sitl.campaign.compiled_run import (
     scored,
 )
 from sitl.campaign.compiled_tick import CampaignConfig
-from sitl.campaign.environment import surface_of
 from sitl.campaign.study import Case, Job, Study, case_and_seed, real_boat, scenario_of, steps_of, vessel_of
 from sitl.scenario import Scenario
-from sitl.sea import Water, swell_at_start, water_of
+from sitl.sea import Water, surface_of, swell_at_start, water_of
 from sitl.sensors import DEVIATES_A_SET, Reading, noise_of
 from sitl.world import STEP, Orders, Pace, World
 
