@@ -38,7 +38,7 @@ class PilotConfig(NamedTuple):
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading, so that only what it reports says where the rudder
     is. corner_frequencies hold at the model's speed: which waves the law is shown, see
-    `wave_feedforward`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
+    `backstepping`. Below `steerage` [m/s], and astern, the rudder waits amidships; a speed over the ground counts
     for this where steerage_over_ground says so. law: how the model goes with speed and thrust; drive: what it needs to
     steer, and what throttle leaves it. roll: the rudder damps roll too, while that helps; None: it does not.
     dead_band [rad]: on a course the rudder rests until it is wrong by more. loop_delay [s]: so late an order comes to

@@ -138,7 +138,7 @@ class SteeringConfig(NamedTuple):
 
     rudder_share [-], turn_rate_max [rad/s] and turn_curvature_max [1/m] bound the planned turns. rudder_is_ours: False
     where the other side steers by itself to the reference heading. corner_frequencies hold at the model's speed: which
-    waves the law is shown, see `wave_feedforward`; so does delay_margin [s], the law's. dead_band [rad]: on a course
+    waves the law is shown, see `backstepping`; so does delay_margin [s], the law's. dead_band [rad]: on a course
     the rudder rests until it is wrong by more. uses_bias: whether the law goes by the estimated bias. estimator.gear is
     the gear that is gone by: turns are planned with its rate, whatever rate the rudder is commanded at.
     """

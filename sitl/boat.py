@@ -266,7 +266,7 @@ def plant_of(vessel: Vessel, scenario: Scenario) -> Plant:
     )
 
 
-PLANT = PlantKind("norrbin", plant_of, boat_step)
+PLANTS = (PlantKind("norrbin", plant_of, boat_step),)
 
 
 class Boat:

@@ -324,4 +324,4 @@ def of(vessel: Vessel, scenario: Scenario) -> Tanker:
     return tanker._replace(push=turning(accelerations, tanker, SERVICE_SPEED * root))
 
 
-PLANT = PlantKind("mmg_tanker", of, step_by(accelerations), knows_depth=True)
+PLANTS = (PlantKind("mmg_tanker", of, step_by(accelerations), knows_depth=True),)

@@ -20,11 +20,10 @@ PLANT_MODULES = (
     "roll_ship",
     "small_craft",
     "twin_thruster",
-    "outboard",
 )  # fmt: skip
-"""Modules of `sitl` with a constant PLANT; the one to take unless another is named comes first."""
+"""Modules of `sitl` with a tuple PLANTS; the one to take unless another is named comes first."""
 PLANTS: dict[str, PlantKind] = {
-    kind.name: kind for kind in (import_module(f"sitl.{module}").PLANT for module in PLANT_MODULES)
+    kind.name: kind for module in PLANT_MODULES for kind in import_module(f"sitl.{module}").PLANTS
 }
 USUAL = next(iter(PLANTS))
 if TYPE_CHECKING:

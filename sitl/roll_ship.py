@@ -283,4 +283,4 @@ def of(vessel: Vessel, scenario: Scenario) -> RollShip:
     return ship._replace(push=turning(accelerations, ship, SERVICE_SPEED * root))
 
 
-PLANT = PlantKind("roll_ship", of, step_by(accelerations))
+PLANTS = (PlantKind("roll_ship", of, step_by(accelerations)),)

@@ -97,9 +97,11 @@ def accelerations(craft: Craft, motion: Motion, rudder: float, thrust_speed: flo
 
 
 CRAFT = Craft(GEAR, HULL, Inertia(MASS + 2.0, MASS + 10.0, MASS * CENTRE, INERTIA + 1.0))
-PLANT = PlantKind(
-    "small_craft",
-    of_one_size("small_craft", accelerations, CRAFT, SERVICE_SPEED),
-    step_by(accelerations),
-    bow=BOW_MOTOR,
+PLANTS = (
+    PlantKind(
+        "small_craft",
+        of_one_size("small_craft", accelerations, CRAFT, SERVICE_SPEED),
+        step_by(accelerations),
+        bow=BOW_MOTOR,
+    ),
 )

@@ -1,4 +1,5 @@
-"""The Otter with its two propellers, steered by their difference as ArduRover mixes it for a skid-steered boat.
+"""The Otter with its two propellers, steered by their difference as ArduRover mixes it for a skid-steered boat; and its
+hull with one outboard motor at the stern, which steers by where it pushes.
 
 With s the steering order as a share of full steering and t the throttle, left and right run at t + s and t - s of full
 revolutions; where |t| + |s| exceeds 1, both are divided by it (MOT_STR_THR_MIX 0.5, the default). Thrust goes with the
@@ -13,6 +14,14 @@ Source: the model `otter` of the Marine Systems Simulator (Fossen, revision of F
 its horizontal part. Its numbers are the maker's and estimates from the length, not tank tests: drag from bollard pull
 and top speed, sway and yaw damping from time constants of 1 s, added mass in surge by Soeding's formula. The moment of
 inertia is taken about the same point as the rest, which the original does twice.
+
+With the outboard
+
+    X = T cos(d),   Y = -T sin(d),   N = -x Y = (L/2) T sin(d)
+
+come to the hull's. The turning moment goes with the thrust T, whatever the speed: a boat that gets under way, or stops
+against a current, steers with its engine, and one that coasts does not steer at all. The motor in the place of the two
+propellers is a construction of this simulator, not a boat that exists.
 """
 
 from __future__ import annotations
@@ -124,9 +133,30 @@ def speed_of(throttle: float) -> float:
     return 2.0 * thrust(throttle) / DRAG
 
 
-PLANT = PlantKind(
-    "twin_thruster",
-    of_one_size("twin_thruster", accelerations, Craft(GEAR, HULL, MASSES), SERVICE_SPEED),
-    step_by(accelerations),
-    Propulsion(speed_of, throttle_of, FULL),
+OUTBOARD_GEAR = SteeringGear(math.radians(35.0), math.radians(25.0), 0.1)
+"""Of an outboard with a small electric drive; assumed."""
+
+
+def outboard_accelerations(
+    craft: Craft, motion: Motion, rudder: float, thrust_speed: float, acting: Disturbance
+) -> Motion:
+    """Return the derivative of the motion."""
+    thrust = min(max(DRAG * thrust_speed, -PULL_ASTERN), PULL)
+    across = -thrust * math.sin(rudder)
+    return moved_by(craft, motion, Push(thrust * math.cos(rudder), across, -0.5 * LENGTH * across), acting)
+
+
+PLANTS = (
+    PlantKind(
+        "twin_thruster",
+        of_one_size("twin_thruster", accelerations, Craft(GEAR, HULL, MASSES), SERVICE_SPEED),
+        step_by(accelerations),
+        Propulsion(speed_of, throttle_of, FULL),
+    ),
+    PlantKind(
+        "outboard",
+        of_one_size("outboard", outboard_accelerations, Craft(OUTBOARD_GEAR, HULL, MASSES), SERVICE_SPEED),
+        step_by(outboard_accelerations),
+        Propulsion(speed_of, throttle_of),
+    ),
 )

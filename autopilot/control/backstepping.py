@@ -46,7 +46,7 @@ takes rudder is steered without this step, as the plan wants its rudder at once.
 
 With the third step the law steers by the state as it will be when the rudder has come to the order, gear's delay and
 lag and half a tick from now, reckoned from where the rudder is and what it was last ordered; and waves are states of
-the regulator like any other (`autopilot.control.wave_feedforward`).
+the regulator like any other (`autopilot.control.backstepping`).
 
 What wears a rudder is its travel, the mean of |u'| and not of u'^2. For this the best law is no linear one: it leaves
 the rudder where it is inside a band about what is asked for, and moves it along at the band's edge (singular control).
@@ -87,6 +87,23 @@ T = 20 s for at least 200 deg of rudder per degree of error however small k1 and
 
 Source: Jiang et al. 2016, eqs (6)-(25), derived anew: their eq. (26) prints K/T for T/K, (1 - k1 k2) for
 -(1 + k1 k2) and -(k1 + k2) psi_d' for +(k1 + k2) psi_d'.
+
+Waves are states of the regulator like any other, as far as it is shown them (`autopilot.steering.wave_shares`). The
+filter holds the waves for a motion h of their own on top of the boat's heading. What makes it is the push
+
+    a = h'' + n h',   n = n1/T,   worth the rudder angle a T/K.
+
+Shown all of the heading and of the rate, and with w' = M w, w = (h, h', e), the filter's oscillator, the u' that makes
+the mean of e^2 + weight^2 u'^2 least is
+
+    u' = -k3 (u - delta - delta_w),   delta_w = -(T/(K k3)) a(N(M) p(-M)^-1 w),
+    N(s) = (a k3 - b) s^2 + (c - b k3) s + k3 c,   p(s) = s^3 + a s^2 + b s + c, the closed loop,
+
+the slow waves cancelled, the quick ones kept from the rudder, each neither early nor late. For a push e^(s t) the best
+steady rudder is -share T/K, share = c^2/(p(s) p(-s)); N/p(-s) is what this leaves to delta_w, where nothing of p(s) is
+left to divide by: a wave may die away as quickly as the loop settles.
+
+Derived here, from e'' + n e' = (K/T) u + a.
 """
 
 from __future__ import annotations
@@ -97,11 +114,52 @@ from typing import Annotated, NamedTuple
 
 from autopilot.angles import PI, wrap
 from autopilot.control.law import Law, LawBoat, LawDesign, LawInput, LoopGains, in_units_of_file
-from autopilot.control.wave_feedforward import ClosedLoop, wave_rudder
 from autopilot.estimation.path_delay import moved_on
+from autopilot.estimation.tuning import WAVE_CORNER, WAVE_DAMPING, WAVE_STIFFENING
 from autopilot.files.typed import NOW, Bounds, Positive
 from autopilot.models.norrbin import Norrbin, rudder_for, rudder_within
 from autopilot.signals import NavState, Reference
+
+LAGGED = -WAVE_CORNER / WAVE_STIFFENING
+"""e w0 in units of h': the best guess of e that goes by h and h' alone."""
+RINGING = math.sqrt(1.0 - WAVE_DAMPING * WAVE_DAMPING)
+
+
+class ClosedLoop(NamedTuple):
+    """The regulator's: its third step k3 [1/s], and b [1/s^2] and c [1/s^3] of p(s); a is k3 + n."""
+
+    k3: float
+    b: float
+    c: float
+
+
+def wave_rudder(model: Norrbin, loop: ClosedLoop, heading: float, rate: float, frequency: float) -> float:
+    """Return delta_w [rad] for waves of this `heading` [rad], `rate` [rad/s] and `frequency` [rad/s], by the equations
+    above: a polynomial of M by its values at the eigenvalues of M."""
+    if frequency <= 0.0:
+        return 0.0
+    k3, b, c = loop
+    n = model.n1 / model.time_constant
+    a = k3 + n
+    decay, ringing, corner = WAVE_DAMPING * frequency, RINGING * frequency, WAVE_CORNER * frequency
+    square = frequency * frequency
+    s = complex(-decay, ringing)
+    found = ((a * k3 - b) * s * s + (c - b * k3) * s + k3 * c) / (((a - s) * s - b) * s + c)
+    slope = found.imag / ringing
+    level = found.real + slope * decay
+    real = ((a * k3 - b) * corner * corner - (c - b * k3) * corner + k3 * c) / (
+        ((a + corner) * corner + b) * corner + c
+    )
+    bend = (real - level + slope * corner) / (square + corner * (corner - 2.0 * decay))
+    h0, h1, e0 = heading, rate, LAGGED * rate / frequency
+    h2, e1 = -square * (h0 + e0) - 2.0 * decay * (h1 + corner * h0) - corner * h1, corner * h0
+    h3, e2 = -square * (h1 + e1) - 2.0 * decay * (h2 + corner * h1) - corner * h2, corner * h1
+    h4 = -square * (h2 + e2) - 2.0 * decay * (h3 + corner * h2) - corner * h3
+    # level + slope s + bend (s^2 + 2 decay s + square), of the push h'' + n h'
+    straight, once = level + bend * square, slope + 2.0 * decay * bend
+    push = straight * (h2 + n * h1) + once * (h3 + n * h2) + bend * (h4 + n * h3)
+    return -model.time_constant / (model.gain * k3) * push
+
 
 SPEED_RANGE = (0.2, 1.5)
 """Share of the reference speed within which the gains follow the speed."""

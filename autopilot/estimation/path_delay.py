@@ -46,7 +46,6 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
-from autopilot.control.wave_feedforward import swung
 from autopilot.estimation.heading_ekf import carried_ahead
 from autopilot.estimation.rudder_observer import Ring, RudderMemory, RudderObserver
 from autopilot.estimation.tuning import (
@@ -70,6 +69,7 @@ from autopilot.estimation.tuning import (
     PATH_STEP,
     PATH_TELLS,
     PATH_WENT,
+    WAVE_STIFFENING,
 )
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear, clip, gear_step, gear_step_by, lag_share
@@ -271,6 +271,13 @@ def when_heard(
         modelled = gear_step(gear, modelled, effective, dt)
         state = moved_on(model, state, modelled + off, dt)
     return state._replace(bias=bias)
+
+
+def swung(heading: float, rate: float, frequency: float, ahead: float) -> tuple[float, float]:
+    """Return wave heading [rad] and rate [rad/s] `ahead` [s] later, as far as they swing on by themselves."""
+    swing = frequency * math.sqrt(WAVE_STIFFENING)
+    cosine, sine = math.cos(swing * ahead), math.sin(swing * ahead)
+    return cosine * heading + sine / swing * rate, cosine * rate - swing * sine * heading
 
 
 def moved_on(model: Norrbin, state: NavState, rudder: float, seconds: float) -> NavState:

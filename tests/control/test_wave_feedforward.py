@@ -10,15 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov, solve_sylvester
 
-from autopilot.control.backstepping import BoundedGains, in_proportion, lqr_gains
-from autopilot.control.law import NO_ROLL, LawInput
-from autopilot.control.limits import RudderLimits
-from autopilot.control.wave_feedforward import (
+from autopilot.control.backstepping import (
     LAGGED,
+    BoundedGains,
     ClosedLoop,
-    swung,
+    in_proportion,
+    lqr_gains,
     wave_rudder,
 )
+from autopilot.control.law import NO_ROLL, LawInput
+from autopilot.control.limits import RudderLimits
+from autopilot.estimation.path_delay import swung
 from autopilot.estimation.tuning import (
     WAVE_CORNER,
     WAVE_DAMPING,

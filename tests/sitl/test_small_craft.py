@@ -18,7 +18,7 @@ DT = 0.01
 
 
 def boat_of(state: BoatState) -> Boat:
-    plant = cs.PLANT.of(load_vessel("small_craft"), Scenario(1, "trial", plant="small_craft"))
+    plant = cs.PLANTS[0].of(load_vessel("small_craft"), Scenario(1, "trial", plant="small_craft"))
     return Boat(plant, state, PLANTS["small_craft"].step)
 
 
