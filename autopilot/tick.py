@@ -185,6 +185,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     estimate = estimated(steering.estimator, estimate, now, timely)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
+    is_new_path = is_other_path(state.estimate.path, estimate.path)
+    monitors = by_other_path(monitors) if is_new_path else monitors
     monitors, thrusters, found = monitored(config, state, monitors, estimate, view, dt)
 
     noted = supervisor.memory.notes
@@ -237,7 +239,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     is_ours = command.engaged and boat.rudder_is_ours
     estimate = with_order(estimate, now, command.angle) if is_ours else estimate
     if is_ours and not is_measured:
-        estimate, way, rate = with_gear_found(config, state, (estimate, way), moved, present, found)
+        known = begun_at(present.rudder) if is_new_path else state.rudder.rate
+        estimate, way, rate = with_gear_found(config.steering, (estimate, way), known, moved, present, found)
     else:
         rate = begun_at(present.rudder)
 
@@ -333,24 +336,11 @@ def monitored(
     """Return what monitors and the watch of thrusters remember, and what is the case; view: what they are shown."""
     times, angles, _, _, _, commands = estimate.memory
     history = times, angles, commands, estimate.rudder.ticks
-    monitors = by_other_path(monitors) if is_other_path(state.estimate.path, estimate.path) else monitors
     monitors, found = judged(config.boat.alarms, monitors, view, history)
     found = {**found, "path_late": path_event(estimate.path, config.boat.loop_delay)} if estimate.path.late else found
     if not config.has_thrusters:
         return monitors, state.thrusters, found
     return monitors, *watch_thrusters(config.boat, state, estimate, view, dt, found)
-
-
-def rate_so_far(
-    estimate: EstimatorState, way: Way, rate: RudderRate, steady: NavState, found: Mapping[str, AlarmEvent]
-) -> RudderRate:
-    """Return what is known of the rudder's rate, nothing that is not sure where something pushes the boat by more than
-    its rudder can hold, which hides what the rudder does, and lets go at once when it is over; or where on its course
-    it is in a sea that is not known yet."""
-    is_new = steady.wave_deviation >= WAVE_DEVIATION_FIRST and not estimate.knows_sea
-    is_new = is_new and estimate.model.time_constant > GEAR_SEA and steady.time >= way.guide.turning_until
-    is_pushed = is_new or "overpowered" in found or not abs(steady.bias) < BIAS_MOST
-    return begun_at(steady.rudder, rate.slower if rate.is_sure else 1.0) if is_pushed else rate
 
 
 def limited_by_thrust(config: Config, state: State, now: float) -> Config:
@@ -368,43 +358,36 @@ def limited_by_thrust(config: Config, state: State, now: float) -> Config:
 
 
 def with_gear_found(
-    config: Config,
-    state: State,
-    boat: tuple[EstimatorState, Way],
-    moved: Moved,
-    present: NavState,
-    found: Mapping[str, AlarmEvent],
-) -> tuple[EstimatorState, Way, RudderRate]:
-    """Return what is known of a rudder without a sensor after a tick in which we commanded it; boat: what is known of
-    the boat, and its way; state: that from before the tick; moved: the last command and the time since."""
-    (estimate, way), (command, dt) = boat, moved
-    rate = begun_at(present.rudder) if is_other_path(state.estimate.path, estimate.path) else state.rudder.rate
-    rate = rate_so_far(estimate, way, rate, present, found)
-    there = estimate.rudder.effective if estimate.path.late else command
-    return with_rudder_rate(config.steering, estimate, way, rate, (there, dt), present)
-
-
-def with_rudder_rate(
     config: SteeringConfig,
-    estimate: EstimatorState,
-    way: Way,
+    boat: tuple[EstimatorState, Way],
     before: RudderRate,
     moved: Moved,
     steady: NavState,
+    found: Mapping[str, AlarmEvent],
 ) -> tuple[EstimatorState, Way, RudderRate]:
-    """Return what is known of the rudder's rate after a tick; where it turns out to be another, the rudder is where
-    that gear would have it, and the rest of the turn is planned with it. moved: the last command and the time since."""
-    (command, dt), gear = moved, config.estimator.gear
-    limits = gear.angle_max, gear.rate_max
-    on_course = way.order.kind is OrderKind.HEADING and steady.time >= way.guide.turning_until
+    """Return what is known of a rudder without a sensor after a tick in which we commanded it; where its gear turns out
+    to be another, the rudder is where that would have it, and the rest of the turn is planned with it.
+
+    boat: what is known of the boat, and its way; moved: the last command and the time since. Nothing that is not sure
+    is known where something pushes the boat by more than its rudder can hold, which hides what the rudder does, and
+    lets go at once when it is over; nor where on its course it is in a sea that is not known yet.
+    """
+    (estimate, way), (command, dt), gear, model = boat, moved, config.estimator.gear, boat[0].model
+    turns = steady.time < way.guide.turning_until
+    is_new = steady.wave_deviation >= WAVE_DEVIATION_FIRST and not estimate.knows_sea
+    is_new = is_new and model.time_constant > GEAR_SEA and not turns
+    if is_new or "overpowered" in found or not -BIAS_MOST < steady.bias < BIAS_MOST:
+        before = begun_at(steady.rudder, before.slower if before.is_sure else 1.0)
+    command = estimate.rudder.effective if estimate.path.late else command
+    on_course = way.order.kind is OrderKind.HEADING and not turns
     density, gusty = estimate.fusion.state.intensity.density, config.estimator.noises.usual.gusty_bias
-    sea = steady.wave_deviation, density, gusty
-    rate = rudder_rate_step(estimate.model, before, (steady.rate, command, on_course), sea, limits, dt)
+    sea, limits = (steady.wave_deviation, density, gusty), (gear.angle_max, gear.rate_max)
+    rate = rudder_rate_step(model, before, (steady.rate, command, on_course), sea, limits, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))
     steady = steady._replace(rudder=angle_of(rate))
-    return estimate, reset_turn(steering_with(config, rate), way, estimate.model, steady), rate
+    return estimate, reset_turn(steering_with(config, rate), way, model, steady), rate
 
 
 def select(

@@ -229,8 +229,19 @@ def seen_at(
     """Return what the filter knows of the boat; the waves that are not yet known count as the boat's own. at: see
     `Moment`."""
     (now, speed, heading_time), (_, angles, ticks) = at, past
-    psi, rate, wave, wave_rate = _moved(model, noises, fusion, past, now)
-    sea, bias = fusion.state.sea, fusion.state.bias
+    state = fusion.state
+    begun, psi, rate, wave, wave_rate = state.time, state.psi, state.rate, state.wave, state.wave_rate
+    sea, bias = state.sea, state.bias
+    if now > begun:
+        latest = begun + PREDICT_LONGEST
+        end = latest if latest < now else now
+        until, angle = stretch(past, begun, end, GRAIN_SHARE * model.time_constant)
+        if until >= end and until - begun <= LONGEST_SHARE * model.time_constant:
+            # what is a moment away needs no covariance
+            psi, rate, wave, wave_rate = predict_mean(model, state, angle, until)
+        else:
+            state = carried(model, noises, fusion, past, now)
+            psi, rate, wave, wave_rate = state.psi, state.rate, state.wave, state.wave_rate
     unknown = 1.0 - known(sea)
     psi, rate = psi + unknown * wave, rate + unknown * wave_rate
     wave, wave_rate = wave - unknown * wave, wave_rate - unknown * wave_rate
@@ -251,33 +262,10 @@ def seen_at(
     )
 
 
-def _moved(
-    model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, now: float
-) -> tuple[float, float, float, float]:
-    """Return psi, r, h and s as the filter has them at `now` [s]; what is a moment away needs no covariance."""
-    state = fusion.state
-    begun = state.time
-    if now <= begun:
-        return state.psi, state.rate, state.wave, state.wave_rate
-    latest = begun + PREDICT_LONGEST
-    end = latest if latest < now else now
-    until, angle = stretch(past, begun, end, GRAIN_SHARE * model.time_constant)
-    if until >= end and until - begun <= LONGEST_SHARE * model.time_constant:
-        return predict_mean(model, state, angle, until)
-    ahead = carried(model, noises, fusion, past, now)
-    return ahead.psi, ahead.rate, ahead.wave, ahead.wave_rate
-
-
 def are_truth(fusion: Fusion, silent: float) -> bool:
     """Return whether the headings that were left out last are no spikes; silent [s]: since the last that was fused."""
     spikes = fusion.spikes
     return spikes > GATE_PATIENCE or (spikes > 1 and silent >= GATE_LASTS)
-
-
-def turn_within(rate_most: float, dt: float) -> float:
-    """Return how far [rad] a boat that turns by `rate_most` [rad/s] at most may turn in `dt` [s] beside what is
-    expected of it: it gains that rate in TURN_GAINED."""
-    return rate_most * dt * (dt / TURN_GAINED if dt < TURN_GAINED else 1.0)
 
 
 def is_borne_out(gyro: RateBias, time: float, heading: float, rate: float) -> bool:
@@ -318,7 +306,8 @@ def fuse_measured(
     if heading == heading:  # what is no number is not itself
         gate = GATE_SIGMAS * deviation
         gate = gate if gate > GATE_LEAST else GATE_LEAST
-        reach = turn_within(noises.rate_most, dt)
+        # a boat gains the quickest rate that it may have in TURN_GAINED
+        reach = noises.rate_most * dt * (dt / TURN_GAINED if dt < TURN_GAINED else 1.0)
         gate = reach if gate < reach < math.inf else gate
         if (innovation > gate or innovation < -gate) and not is_borne_out(gyro, time, heading, raw):
             agrees = spikes > 0 and abs(wrap(heading - spike)) <= gate

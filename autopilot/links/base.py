@@ -238,17 +238,18 @@ class Guide(Protocol):
         """What the skipper should know, None while all is well."""
 
 
-class GuideAlarms(Link):
+class GuideAlarms(AlarmNews, Link):
     """Word of `guide`, under `name`, whenever it changes."""
 
     def __init__(self, guide: Guide, name: str) -> None:
+        super().__init__(name)
         self.name = name
         self._guide = guide
-        self._news = AlarmNews(name)
 
     def receive(self, now: float) -> list[Sample]:
         """Return what is new."""
-        return self._news.of(now, self._guide.alarm)
+        alarm = self._guide.alarm
+        return [] if alarm is self._said else self.of(now, alarm)
 
 
 class HelmNews:

@@ -207,7 +207,8 @@ class Session:
             packets = self._packets()
             if self._recorder is not None:
                 self._recorder.record(tick, packets)
-        self._pilot.learn(tick)
+        if self._pilot.learner is not None:
+            self._pilot.learn(tick)
 
     def _packets(self) -> list[tuple[float, bytes]]:
         packets: list[tuple[float, bytes]] = []

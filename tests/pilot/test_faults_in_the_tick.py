@@ -16,6 +16,8 @@ from autopilot import steering, tick
 from autopilot.control import limits
 from autopilot.links.base import LinkError
 from autopilot.links.rudder_order import ReleaseState
+from autopilot.pilot import Pilot
+from autopilot.runtime.build import learner_of
 from autopilot.runtime.record import read_log
 from autopilot.signals import Mode
 from autopilot.vessel.file import load_vessel
@@ -39,8 +41,14 @@ BLOCKS: dict[str, Callable[[Lockstep], tuple[Any, str]]] = {
     "poll": lambda run: (run.link, "poll"),
     "packets": lambda run: (run.link, "take_packets"),
     "record": lambda run: (run.session._recorder, "record"),
-    "learn": lambda run: (run.pilot, "learn"),
+    "learn": lambda run: (learning(run.pilot), "learn"),
 }
+
+
+def learning(pilot: Pilot) -> Pilot:
+    """The pilot, which learns its model from now on."""
+    pilot.learner = learner_of(VESSEL)
+    return pilot
 
 
 class Fails:
