@@ -26,6 +26,7 @@ from autopilot.estimation.estimator import (
     estimated,
     is_rudder,
     nav_state,
+    with_bias,
     with_order,
     without_bias,
     without_disturbances,
@@ -183,6 +184,10 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     monitors, estimate, timely = held_course(monitors, estimate, timely, (now, dt, is_ours))
     estimate, way, is_other_boat = believe(steering, state, monitors, estimate, now)
     estimate = estimated(steering.estimator, estimate, now, timely)
+    standing = monitors.compass.standing
+    if standing.samples >= FROZEN_SAMPLES and is_stale(standing, monitors.compass.sea):
+        # a rudder that turns no boat looks like a disturbance as large as the rudder, and is laid harder against it
+        estimate = with_bias(estimate, standing.bias)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
     is_new_path = is_other_path(state.estimate.path, estimate.path)
@@ -291,10 +296,6 @@ def steered_from(
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
         # against that keeps it swinging
         present = present._replace(bias=mean_bias)
-    compass = monitors.compass
-    if is_stale(compass.standing, compass.sea):
-        # a rudder that turns no boat looks like a disturbance as large as the rudder, and is laid harder against it
-        present = present._replace(bias=compass.standing.bias)
     if not (is_engaged and late > 0.0):
         return present, present, ratio, mean_bias
     # an order of now finds the boat where it will be when it comes

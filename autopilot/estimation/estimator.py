@@ -192,6 +192,11 @@ def without_bias(state: EstimatorState) -> EstimatorState:
     return state._replace(fusion=state.fusion._replace(state=alone, unlearnt=0.0), taken=())
 
 
+def with_bias(state: EstimatorState, bias: float) -> EstimatorState:
+    """Return the state with a `bias` [rad of rudder] of before: what was learnt since was learnt of no boat."""
+    return state._replace(fusion=state.fusion._replace(state=state.fusion.state._replace(bias=bias)))
+
+
 def without_disturbances(state: EstimatorState) -> EstimatorState:
     """Return the state with unknown bias and sea: they were learnt with a model that has been found to be wrong."""
     if not state.has_begun:
