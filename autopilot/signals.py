@@ -91,6 +91,8 @@ class HelmCause(IntEnum):
     """Nobody has it: whether it can be had is being found out, or will be when an order to engage waits."""
     STOOD_STILL = 5
     """No order left for longer than vehicle or drive waits for one: our own process, or its computer, stood still."""
+    UNREADY = 6
+    """Nobody has it: what has to come before we may engage has not, or comes too slowly to steer by."""
 
 
 class HelmSample(NamedTuple):

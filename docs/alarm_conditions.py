@@ -284,12 +284,17 @@ CONDITIONS = {
         key="failsafe.heading_timeout_s",
         watcher=Watcher.LINK,
     ),
+    "line_narrow": Condition(
+        "by its baud rate, or as three checks of 2 s find all streams slow and next to none of them lost",
+        watcher=Watcher.LINK,
+    ),
     "targets_lag": Condition("far off the heading ordered for long, and no nearer", watcher=Watcher.LINK),
     "other_pilot": Condition("it says so while we steer", watcher=Watcher.LINK),
     "other_pilot_waits": Condition("it says so while we steer", watcher=Watcher.LINK),
     "input_shared": Condition(
         "the steering input shows pulses that are none of ours, three in 10 s", watcher=Watcher.LINK
     ),
+    "servo_changed": Condition("SERVOn_MIN, _TRIM or _MAX of the rudder changes while we steer", watcher=Watcher.LINK),
     "motor_current": Condition(
         "more than drive.current_max_a for longer than a motor takes to start", watcher=Watcher.LINK
     ),

@@ -176,7 +176,12 @@ PATIENCE_S = 1.0
 REPORTS = 5
 LONGEST_PERIOD_S = 0.5
 """Reports that come more seldom are not waited for."""
-LONGEST_S = PATIENCE_S + REPORTS * LONGEST_PERIOD_S
+WAYS = 3
+"""Where a stick stands as the last order did, the release goes the way to the vehicle and back, then a mark that tells
+the two apart, then its release."""
+SLOWEST_WAY_S = 1.0
+"""Over a slower one nobody steers."""
+LONGEST_S = PATIENCE_S + REPORTS * LONGEST_PERIOD_S + WAYS * SLOWEST_WAY_S
 LEAVING_S = 0.3
 """What was sent has left, and was worked off at the other end, after this."""
 

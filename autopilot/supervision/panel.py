@@ -287,6 +287,11 @@ WORDS = {
         "mend it",
         sentence="{text} ({detail} old): {remedy}",
     ),
+    "line_narrow": Words(
+        "the line to the vehicle has no room for all that was asked for",
+        "raise its baud rate (SERIALn_BAUD), or let ground stations ask for less (SRn_ parameters)",
+        sentence="{text} ({detail}): {remedy}",
+    ),
     "targets_lag": Words(
         "the vehicle takes our headings but does not turn",
         "check that it makes way (throttle stick, helm.guided_speed_share) and its steering gains (ATC_STR_RAT_FF, "
@@ -298,6 +303,11 @@ WORDS = {
         "another pilot or ground station overrides the steering input now and then",
         "put one in standby",
         sentence="{text}",
+    ),
+    "servo_changed": Words(
+        "the end points of the rudder's servo were changed while we steered",
+        "set it back, or start again to take the new ones for all of the rudder",
+        sentence="{detail} while we steered, and the rudder goes by the old scale: {remedy}",
     ),
     "motor_current": Words(
         "the rudder motor draws too much",

@@ -166,7 +166,7 @@ class Supervisor:
         needs the helm, whatever keeps it away."""
         state = self.memory.state
         held = state not in (SupervisorState.STANDBY, SupervisorState.OVERRIDE)
-        return state in ENGAGED or (held and away.cause is not HelmCause.UNPROVEN)
+        return state in ENGAGED or (held and away.cause not in NOBODYS)
 
     def _is_ended_by(self, against: str) -> bool:
         """A fail-safe that moves the rudder is ended by what is worse than a lost heading, too."""
@@ -337,14 +337,18 @@ def _lost(state: NavState, failsafe: FailsafeAction) -> str:
 
 
 def _taken(memory: Memory) -> HelmSample | None:
-    """Return who says that the helm is away, if anybody; who has only to be proved yet comes last."""
+    """Return who says that the helm is away, if anybody; whose helm is nobody's comes last."""
     away: HelmSample | None = None
     for sample in memory.helm.values():
         if sample.available:
             continue
-        if away is None or (away.cause is HelmCause.UNPROVEN and sample.cause is not HelmCause.UNPROVEN):
+        if away is None or _rank(sample) < _rank(away):
             away = sample
     return away
+
+
+def _rank(away: HelmSample) -> int:
+    return NOBODYS.index(away.cause) + 1 if away.cause in NOBODYS else 0
 
 
 def _first(found: Mapping[str, AlarmEvent], *responses: Response) -> str:
@@ -368,6 +372,8 @@ def _order_event(order: Order) -> Event:
     return Event.ORDER_TRACK if order.is_led else Event.ORDER_HEADING
 
 
+NOBODYS = (HelmCause.UNREADY, HelmCause.UNPROVEN)
+"""Causes by which nobody has taken the helm; the first of them weighs more."""
 TAKEN_BY = {
     HelmCause.TAKEN: "human_override",
     HelmCause.REBOOTED: "firmware_rebooted",
@@ -375,6 +381,7 @@ TAKEN_BY = {
     HelmCause.RADIO_LOST: "radio_lost",
     HelmCause.UNPROVEN: "human_override",
     HelmCause.STOOD_STILL: "stood_still",
+    HelmCause.UNREADY: "human_override",
 }
 """The alarm that each cause of a lost helm is."""
 

@@ -212,16 +212,20 @@ def test_a_vehicle_in_its_fail_safe_is_an_alarm_as_long_as_it_is() -> None:
 
 
 class WithoutHeadings(BadLine):
-    """Loses every ATTITUDE from a time [s] on."""
+    """Loses every ATTITUDE from a time [s] on until another; behind that all but one of so many."""
 
-    def __init__(self, since: float) -> None:
+    def __init__(self, since: float, until: float = math.inf, one_of: int = 1) -> None:
         super().__init__()
-        self._since = since
+        self._since, self._until, self._one_of = since, until, one_of
+        self._come = 0
 
     def put(self, now: float, data: bytes) -> None:
         """Send a datagram at `now` [s]."""
-        if now < self._since or "ATTITUDE" not in {message.get_type() for message in MavlinkCodec().decode(data)}:
-            super().put(now, data)
+        if now >= self._since and "ATTITUDE" in {message.get_type() for message in MavlinkCodec().decode(data)}:
+            self._come += 1
+            if now < self._until or self._come % self._one_of:
+                return
+        super().put(now, data)
 
 
 def test_an_order_behind_a_fail_safe_proves_the_helm_and_takes_it_from_nobody() -> None:
@@ -233,3 +237,15 @@ def test_an_order_behind_a_fail_safe_proves_the_helm_and_takes_it_from_nobody() 
     assert not run.firmware.overrides.active(run.now, 3.0), "the fail-safe has let go"
     run.engage(30.0)
     assert not run.run(10.0, lambda tick: tick.mode is Mode.OVERRIDE), words_of(run.tick)
+
+
+@pytest.mark.parametrize("one_of", [1, 20])
+def test_an_order_behind_a_fail_safe_waits_for_headings_that_come_back(one_of: int) -> None:
+    run = Lockstep(VESSEL, parameters=SHIPPED, lines=(BadLine(), WithoutHeadings(10.0, 24.1, one_of)))
+    run.engage(20.0)
+    assert run.run(20.0, run.engaged)
+    assert run.run(20.0, lambda tick: tick.mode is Mode.FAILSAFE)
+    run.run(22.0 - run.now)
+    run.engage(30.0)
+    assert run.run(10.0, run.engaged) is (one_of == 1), words_of(run.tick)
+    assert run.tick.mode is not Mode.OVERRIDE, words_of(run.tick)

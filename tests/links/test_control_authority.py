@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.authority import ControlAuthority
 from autopilot.links.mavlink.overrides import OverrideProbe
@@ -594,6 +595,103 @@ def test_headings_that_come_too_seldom_never_engage() -> None:
     assert streams.waiting == ""
     asked(streams, 13.0)
     assert streams.waiting == "", "that none come others say"
+
+
+WANTED = {30: 20.0, 36: 10.0, 65: 10.0, 33: 5.0, 74: 2.0, 24: 1.0, 1: 1.0}
+
+
+def bytes_per_s(asked_for: list[tuple[int, int]]) -> float:
+    sizes = {identity: 12 + dialect.mavlink_map[identity].unpacker.size for identity in WANTED}
+    return sum(sizes[identity] * 1.0e6 / interval for identity, interval in asked_for)
+
+
+@pytest.mark.parametrize("baud", [9600, 14400, 19200, 28800, 38400, 57600])
+def test_no_more_is_asked_for_than_a_line_carries_headings_first(baud: int) -> None:
+    streams = MessageStreams(WANTED, timeout=1.0)
+    streams.carry(baud / 10.0)
+    asked_for = streams.due(0.0)
+    rates = {identity: 1.0e6 / interval for identity, interval in asked_for}
+    assert bytes_per_s(asked_for) <= 0.75 * baud / 10.0 + 1.0
+    assert rates[30] >= 5.0 and all(rates[each] >= 0.249 * wanted for each, wanted in WANTED.items())
+    assert rates[30] == pytest.approx(20.0) or rates[36] == pytest.approx(2.5), "what is left goes to the headings"
+    assert bool(streams.narrow) is (min(rates[each] / WANTED[each] for each in WANTED) < 0.99)
+    assert baud < 38400 or streams.narrow is None
+
+
+def through(streams: MessageStreams, asked_for: list[tuple[int, int]], line: float, seconds: float) -> None:
+    """Bring what was asked for over a line of so many bytes a second; where it is full, what is sent oftenest waits."""
+    rates = {identity: 1.0e6 / interval for identity, interval in asked_for}
+    low, most = 0.0, max(rates.values())
+    for _ in range(40):
+        middle = 0.5 * (low + most)
+        is_full = bytes_per_s([(each, round(1.0e6 / min(rate, middle))) for each, rate in rates.items()]) > line
+        low, most = (low, middle) if is_full else (middle, most)
+    for identity, rate in rates.items():
+        streams.counts[identity] += round(seconds * min(rate, most))
+        streams.came += round(seconds * min(rate, most))
+
+
+def carry(streams: MessageStreams, asked_for: dict[int, int], line: float, begun: float, until: float) -> None:
+    now = begun
+    asked_for.update(streams.due(now))
+    while now < until:
+        passed = streams.pause + 0.01
+        now += passed
+        through(streams, [*asked_for.items()], line, passed)
+        asked_for.update(streams.due(now))
+
+
+def test_a_line_that_turns_out_narrow_is_asked_for_less_until_all_comes() -> None:
+    streams = MessageStreams(WANTED, timeout=1.0)
+    asked_for: dict[int, int] = {}
+    carry(streams, asked_for, 1100.0, 0.0, 12.0)
+    assert bytes_per_s([*asked_for.items()]) < 1100.0
+    assert streams.narrow is not None and streams.slow is None and streams.waiting == ""
+    assert 1.0e6 / asked_for[30] > 8.0
+    carry(streams, asked_for, 1.0e5, 15.0, 400.0)
+    assert {each: round(1.0e6 / interval, 1) for each, interval in asked_for.items()} == WANTED
+    assert streams.narrow is None
+
+
+def test_what_asking_for_less_does_not_mend_is_asked_for_in_full_again() -> None:
+    streams = MessageStreams(WANTED, timeout=1.0)
+    streams.due(0.0)
+    for step in range(1, 20):
+        for identity, rate in WANTED.items():
+            streams.counts[identity] += round(2.05 * min(rate, 4.0))
+        streams.came = 50
+        streams.due(2.05 * step)
+    assert streams.narrow is None
+    assert streams.slow == AlarmEvent("headings_slow", "4 Hz though 20 Hz")
+
+
+def test_a_lossy_line_and_a_vehicle_that_sends_no_more_are_not_called_narrow() -> None:
+    lossy, unwilling = MessageStreams(WANTED, timeout=1.0), MessageStreams(WANTED, timeout=1.0)
+    for streams in (lossy, unwilling):
+        streams.due(0.0)
+    for step in range(1, 20):
+        for identity, rate in WANTED.items():
+            lossy.counts[identity] += round(rate)
+            unwilling.counts[identity] += round(rate if identity == 30 else 2.05 * rate)
+        lossy.came, lossy.lost = 50, 50
+        unwilling.came = 90
+        for streams in (lossy, unwilling):
+            streams.due(2.05 * step)
+            assert streams.narrow is None
+
+
+def test_headings_that_come_back_within_a_check_are_not_called_slow() -> None:
+    streams = MessageStreams({30: 10.0}, timeout=1.0)
+    streams.due(0.0)
+    for now, count, words in ((0.7, 7, ""), (2.75, 0, ""), (4.8, 0, ""), (6.85, 0, ""), (8.9, 4, WAITING)):
+        asked(streams, now, m30=count)
+        assert (streams.waiting, streams.slow) == (words, None)
+        streams.counts[30] = 1
+        assert streams.waiting == (words if count else WAITING), "how quickly they come is not known"
+        streams.counts[30] = 0
+    asked(streams, 10.9, m30=4)
+    assert streams.waiting == TOO_SLOW.format(rate=2.0, least=3.0)
+    assert streams.slow is not None
 
 
 def test_a_rate_that_was_asked_for_is_not_too_slow() -> None:

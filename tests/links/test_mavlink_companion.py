@@ -60,7 +60,7 @@ class Rover:
         self.stick = 1500
         self.others = dict.fromkeys(range(2, 9), 1500)
         self.pulse = 1500
-        self.obeys = True
+        self.obeys = self.answers = True
         self.received: list = []
         self.reads: list[str] = []
         self.intervals: dict[int, float] = {}
@@ -82,7 +82,7 @@ class Rover:
                 kind = message.get_type()
                 if kind == "PARAM_REQUEST_READ":
                     self.reads.append(message.param_id)
-                    if message.param_id in self.parameters:
+                    if message.param_id in self.parameters and self.answers:
                         value = self.parameters[message.param_id]
                         self.send(dialect.MAVLink_param_value_message(message.param_id.encode(), value, 9, 14, 0))
                 elif kind == "COMMAND_LONG" and message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -330,6 +330,80 @@ def test_a_servo_that_is_reversed_while_we_steer_takes_the_helm_at_once() -> Non
     assert not bench.helm.available and "SERVO1_REVERSED was changed" in bench.helm.reason
 
 
+def said_of_servo(bench: Bench) -> list[str]:
+    """Return what was said of the servo's end points, '' for their being as they were."""
+    mine = [each for each in bench.samples if isinstance(each, AlarmSample) and each.source.endswith("servo")]
+    return [each.event.detail if each.event else "" for each in mine]
+
+
+@pytest.mark.parametrize("tells", [True, False])
+def test_end_points_that_change_while_we_steer_move_no_rudder(tells: bool) -> None:
+    bench = ready()
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    pulse = bench.rover.pulse
+    assert 1000 + (steering_of(pulse) + 4500) / 9.0 == pytest.approx(1500 + 500 * 0.2 / FULL, abs=2)
+    bench.rover.parameters |= {"SERVO1_MAX": 2500.0, "SERVO1_MIN": 500.0}
+    if tells:
+        for name in ("SERVO1_MAX", "SERVO1_MIN"):
+            bench.rover.send(dialect.MAVLink_param_value_message(name.encode(), bench.rover.parameters[name], 9, 14, 0))
+    bench.run(60.0)
+    assert bench.helm.available
+    servo = 1500 + steering_of(bench.rover.pulse) * 1000 / 4500
+    assert servo == pytest.approx(1500 + 500 * 0.2 / FULL, abs=3), "the same rudder by the servo's pulse"
+    assert "SERVO1_MAX was changed from 2000 to 2500" in said_of_servo(bench)[-1]
+    bench.rover.parameters |= {"SERVO1_MAX": 2000.0, "SERVO1_MIN": 1000.0}
+    bench.run(60.0)
+    assert said_of_servo(bench)[-1] == "" and bench.rover.pulse == pulse
+
+
+def test_end_points_that_leave_too_little_rudder_end_the_steering() -> None:
+    bench = ready(settings=CompanionSettings(FULL, as_gcs=True, angle_max=FULL))
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    bench.rover.send(dialect.MAVLink_param_value_message(b"SERVO1_MAX", 1750.0, 9, 14, 0))
+    bench.run(0.2)
+    assert not bench.helm.available
+    assert "SERVO1_MAX was changed from 2000 to 1750 while we steered, which leaves 15 deg" in bench.helm.reason
+
+
+def test_end_points_that_change_while_nobody_steers_are_the_new_scale() -> None:
+    bench = ready()
+    bench.rover.parameters |= {"SERVO1_MAX": 2500.0, "SERVO1_MIN": 500.0}
+    bench.run(60.0)
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    assert steering_of(bench.rover.pulse) / 4500 == pytest.approx(0.2 / FULL, abs=0.01) and not said_of_servo(bench)
+
+
+def test_what_keeps_the_vehicle_from_obeying_is_asked_for_anew_and_named() -> None:
+    bench = ready(RC_OPTIONS=0.0)
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    bench.rover.parameters["RC_OPTIONS"] = 2.0
+    bench.rover.obeys, bench.rover.pulse = False, bench.rover.stick
+    bench.run(2.5)
+    assert not bench.helm.available and "RC_OPTIONS has bit 1 set" in bench.helm.reason
+
+
+def test_the_safety_switch_keeps_the_helm_until_it_is_pressed() -> None:
+    bench = ready()
+    outputs = dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    for enabled in (0, outputs):
+        bench.rover.send(dialect.MAVLink_sys_status_message(outputs, enabled, outputs, 0, 12000, 0, 80, *[0] * 6))
+        bench.run(1.0)
+        assert bench.helm.available is bool(enabled)
+        assert enabled or "safety switch" in bench.helm.reason
+
+
+def test_a_vehicle_that_is_given_another_system_id_is_named() -> None:
+    bench = ready()
+    bench.rover.codec.system = 7
+    bench.run(5.0)
+    assert not bench.helm.available
+    assert bench.helm.reason.endswith("system 7 is heard: if that is this boat, start with --vehicle-system 7")
+
+
 @pytest.mark.parametrize(
     ("attribute", "value", "words"), [("mode", 4, "mode HOLD"), ("mode", 15, "GUIDED"), ("armed", False, "disarmed")]
 )
@@ -360,7 +434,7 @@ def test_reboot_is_noticed_and_everything_asked_anew() -> None:
 
 def test_silence_is_noticed() -> None:
     bench = ready()
-    bench.talks = False
+    bench.talks = bench.rover.answers = False
     bench.run(4.2)
     assert not bench.helm.available
     assert "no heartbeat" in bench.helm.reason

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from alarm_texts import words_of
-from lockstep import BadLine, Lockstep
+from lockstep import BadLine, Lockstep, SlowLine
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.codec import MavlinkCodec
@@ -62,6 +62,16 @@ def test_a_stick_that_stands_where_the_rudder_was_ordered_is_distinguished_from_
     boat = steering(12.0)
     boat.firmware.sticks[0] = boat.firmware.channels[0]
     assert leave(boat).state is ReleaseState.CONFIRMED
+    assert not is_held(boat)
+
+
+@pytest.mark.parametrize("stands", [False, True])
+@pytest.mark.parametrize("seconds", [0.2, 0.4])
+def test_over_a_slow_line_the_release_is_waited_for(seconds: float, stands: bool) -> None:
+    boat = steering(12.0, lines=(SlowLine(seconds), SlowLine(seconds)))
+    if stands:
+        boat.firmware.sticks[0] = boat.firmware.channels[0]
+    assert leave(boat).sentence == "rudder released, confirmed by RC_CHANNELS"
     assert not is_held(boat)
 
 
@@ -322,7 +332,10 @@ def test_patience_is_a_second_and_five_reports_of_half_a_second_at_most() -> Non
     assert watch.patience == pytest.approx(2.0, abs=0.001)
     for step in range(100):
         watch.report(100.0 + 7.0 * step, 1700, "RC_CHANNELS")
-    assert watch.patience == pytest.approx(3.5, abs=0.001) and LONGEST_S == 3.5
+    assert watch.patience == pytest.approx(3.5, abs=0.001) and LONGEST_S >= 3.4 + 5 * 0.5
+    watch.way = 1.0
+    assert watch.patience == pytest.approx(3.4 + 5 * 0.5, abs=0.001), "three ways, and what is waited for the first"
+    watch.way = 0.0
     watch.report(800.0, 1700, "RC_CHANNELS")
     watch.report(800.1, 1700, "RC_CHANNELS")
     assert watch.patience == pytest.approx(1.0 + 5.0 * (0.5 - 0.2 * 0.4), abs=0.001), "a fifth of the way at a time"

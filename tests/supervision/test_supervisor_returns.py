@@ -72,7 +72,14 @@ def test_the_cause_says_which_alarm_it_is_whatever_the_words(cause: HelmCause, n
     assert (tested.memory.alarm.name, tested.memory.alarm.detail) == (name, words)
 
 
-@pytest.mark.parametrize(("cause", "mode"), [(HelmCause.UNPROVEN, Mode.FAILSAFE), (HelmCause.TAKEN, Mode.OVERRIDE)])
+@pytest.mark.parametrize(
+    ("cause", "mode"),
+    [
+        (HelmCause.UNPROVEN, Mode.FAILSAFE),
+        (HelmCause.UNREADY, Mode.FAILSAFE),
+        (HelmCause.TAKEN, Mode.OVERRIDE),
+    ],
+)
 def test_a_helm_that_has_only_to_be_proved_again_does_not_hide_why_the_steering_ended(
     cause: HelmCause, mode: Mode
 ) -> None:
@@ -392,9 +399,10 @@ def test_the_times_are_those_of_the_page() -> None:
 
 
 @pytest.mark.parametrize("order", [1, -1])
-def test_of_two_links_the_one_whose_helm_was_taken_says_so(order: int) -> None:
+@pytest.mark.parametrize("nobodys", [HelmCause.UNPROVEN, HelmCause.UNREADY])
+def test_of_two_links_the_one_whose_helm_was_taken_says_so(order: int, nobodys: HelmCause) -> None:
     away = [
-        HelmSample(0.0, False, "to be proved", "a", HelmCause.UNPROVEN),
+        HelmSample(0.0, False, "to be proved", "a", nobodys),
         HelmSample(0.0, False, "a hand at the wheel", "b", HelmCause.TAKEN),
     ]
     tested = made()

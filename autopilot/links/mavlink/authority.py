@@ -26,7 +26,13 @@ from collections.abc import Collection, Iterable, Sequence
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.links.mavlink.overrides import ECHO_PATIENCE_S, OverrideEcho, agrees_with, differing
-from autopilot.links.mavlink.requests import OVERRIDE_TIME, SPEED_SCALING, TWO_PADDLES, VehicleParameters
+from autopilot.links.mavlink.requests import (
+    IGNORES_OVERRIDES,
+    OVERRIDE_TIME,
+    SPEED_SCALING,
+    TWO_PADDLES,
+    VehicleParameters,
+)
 from autopilot.models.drives import DRIVES
 from autopilot.signals import HelmCause
 
@@ -84,6 +90,8 @@ beginnings are kept."""
 HEARTBEAT_S = 1.0
 SILENCE_S = 3.0
 """Nothing at all from the vehicle for this long ends our right to steer."""
+COUNTED_S = 10.0
+"""A silence is said by the second up to so long, behind it in such steps."""
 HEARTBEAT_TIMEOUT_S = 8.0
 """Heartbeats get lost one by one on a bad line; without any for this long nobody knows the mode."""
 BLIND_S = 3.0
@@ -154,6 +162,8 @@ class ControlAuthority:
         """Why the radio counts as lost; empty while it does not."""
         self.switched_off = False
         """Whether the radio's switch for overrides is off."""
+        self.is_safe = False
+        """Whether the vehicle's safety switch keeps its outputs still."""
         self.another_steers = False
         """Whether another pilot has said last that it steers."""
         self._rebooted = False
@@ -204,6 +214,7 @@ class ControlAuthority:
         self._state, self.armed, self.booted = -1, False, False
         self.released()
         self.misfit = self.radio = ""
+        self.is_safe = False
 
     def let_go(self, now: float) -> None:
         """Take that no command left for so long that the vehicle has let go.
@@ -304,7 +315,8 @@ class ControlAuthority:
         silence = now - self.heartbeat_time
         if silence > HEARTBEAT_TIMEOUT_S or now - self.received_time > SILENCE_S:
             self.cause = HelmCause.SILENT
-            return f"no heartbeat from the vehicle for {silence:.0f} s"
+            said = silence if silence < COUNTED_S else silence // COUNTED_S * COUNTED_S
+            return f"no heartbeat from the vehicle for {said:.0f} s"
         judged = (parameters.revision, system)
         if judged != self._judged:
             self._judged = judged
@@ -340,6 +352,8 @@ class ControlAuthority:
             return "the vehicle is disarmed; arm it"
         if self._is_killed:
             return "the vehicle's outputs are stopped (kill switch or termination); release it, and arm anew"
+        if self.is_safe and not self._offboard:
+            return "the vehicle's safety switch keeps its outputs still; press it"
         if self.switched_off and not self._guided:
             return "the radio's switch for overrides is off; switch it on"
         return ""
@@ -377,13 +391,18 @@ def _parameter_reason(parameters: VehicleParameters, system: int, guided: bool) 
         return "the vehicle's RCMAP_ROLL names no input channel from 1 to 16; correct it"
     if (steering := parameters.steering_input) == parameters.get("RCMAP_THROTTLE"):
         return f"RCMAP_ROLL and RCMAP_THROTTLE are both {steering}: to steer would work the throttle; correct one"
-    if parameters.steering_servo is None:
-        return _without_outputs(parameters)
+    return _without_outputs(parameters) if parameters.steering_servo is None else _input_reason(parameters)
+
+
+def _input_reason(parameters: VehicleParameters) -> str:
+    """Return why the vehicle does not make of the steering input what we mean."""
     if parameters.get("PILOT_STEER_TYPE") == TWO_PADDLES:
         usual = 3 if parameters.drive.is_mixed else 0
         return f"PILOT_STEER_TYPE is 1 (two paddles), which takes no steering; set it to {usual}"
     if int(parameters.get("MANUAL_OPTIONS") or 0.0) & SPEED_SCALING:
         return "MANUAL_OPTIONS has bit 0 set, so the firmware steers by less the faster the boat is; set it to 0"
+    if int(parameters.get("RC_OPTIONS") or 0.0) & IGNORES_OVERRIDES:
+        return "RC_OPTIONS has bit 1 set: the vehicle ignores every override; take 2 out of it"
     if (seconds := parameters.get(OVERRIDE_TIME)) is not None and (what := _wrong_lapse(seconds)):
         return f"the vehicle's RC_OVERRIDE_TIME is {seconds:g}, which {what}; set it to 3"
     return ""

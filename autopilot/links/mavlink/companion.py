@@ -139,11 +139,13 @@ class CompanionSession:
         self._reason = self._authority.obstacle
         self._judge_at = -math.inf
         self._looked_at = math.inf
-        self._may_prove = False
+        self._may_prove = self._is_deaf = False
+        self._heard_instead = -math.inf, 0
+        """When [s] the heartbeat of another vehicle came last, and its system id."""
         self._revision, self._steers_as = (-1, 0), 0
         self._mode = Mode.STANDBY
         self._alarms: tuple[AlarmEvent, ...] = ()
-        parts = ("other pilot", "attitude rate", "attitude age", "guided")
+        parts = ("other pilot", "attitude rate", "attitude age", "line", "guided", "servo")
         self._noted: dict[str, AlarmEvent | None] = dict.fromkeys(parts)
         self._bow = "", ""
         if self._reader.bow is not None:
@@ -162,6 +164,10 @@ class CompanionSession:
     def awaits_rate(self) -> bool:
         """Whether it is still open if the vehicle sends headings at the rate asked for."""
         return self._reader.streams.is_open
+
+    def carry(self, bytes_per_s: float) -> None:
+        """Take what the line carries, inf where nobody knows."""
+        self._reader.streams.carry(bytes_per_s)
 
     @property
     def bad_packets(self) -> int:
@@ -285,8 +291,10 @@ class CompanionSession:
         streams = self._reader.streams
         if is_up and now - streams.checked_at >= streams.pause:
             asked += [interval_request(vehicle, *stream) for stream in streams.due(now)]
-        if is_up and self._reader.parameters.to_ask:
-            asked += [parameter_request(vehicle, name) for name in self._reader.parameters.due(now)]
+        parameters = self._reader.parameters
+        if is_up:
+            names = parameters.due(now) if parameters.to_ask else parameters.again(now)
+            asked += [parameter_request(vehicle, name) for name in names]
         for aside in (self._handover, self._sounder):
             if aside is not None:
                 asked += aside.due(now, vehicle)
@@ -420,7 +428,10 @@ class CompanionSession:
         gives_way = (self._authority.obstacle and not self._is_boat) or (
             silence > HEARTBEAT_TIMEOUT_S and not self._reader.parameters.complete and not self._has_steered
         )
-        return bool(gives_way) and not obstacle_of(message.autopilot, message.type, self._reader.is_px4)
+        is_vacant = bool(gives_way) and not obstacle_of(message.autopilot, message.type, self._reader.is_px4)
+        if not is_vacant:
+            self._heard_instead = now, message._header.srcSystem
+        return is_vacant
 
     def _latch(self, message: Message) -> int:
         if self.vehicle:
@@ -438,6 +449,29 @@ class CompanionSession:
         is_deaf = self._authority.disobeyed or self._probe.stage is Stage.NOT_TAKEN
         return reason + UNSIGNED_ORDERS if is_deaf or self._reader.parameters.unanswered else reason
 
+    def _obstacle(self, now: float) -> str:
+        """Return what the vehicle, or another pilot, has against our steering; '' for nothing."""
+        authority = self._authority
+        obstacle = authority.reason(now, self._reader.parameters, self._steers_as)
+        if obstacle and authority.cause is HelmCause.SILENT and now - self._heard_instead[0] < SILENT_PEER_S:
+            other = self._heard_instead[1]
+            obstacle += f"; system {other} is heard: if that is this boat, start with --vehicle-system {other}"
+        if self._signing is not None and (signing := self._signing.signing).refused:
+            if not obstacle or authority.cause is not HelmCause.SILENT:
+                self._refused_before = signing.refused.total()
+            elif signing.refused.total() > self._refused_before:
+                obstacle += f"; what comes is {signing.last_refusal}: {CURES[signing.last_refusal]}"
+        return obstacle or ("" if authority.steering else self._other.obstacle(now))
+
+    def _cause(self, has_obstacle: bool, unproved: str, waits: str) -> HelmCause:
+        """Return what kind the reason is of; behind a fail-safe too nobody has taken a helm that is not proved yet, or
+        waits for headings."""
+        if has_obstacle:
+            return self._authority.cause
+        if self._guided is None and self._probe.stage in (Stage.GROWN_OLD, Stage.CHECKING):
+            return HelmCause.UNPROVEN
+        return HelmCause.UNREADY if waits and not unproved else self._authority.cause
+
     def _judge(self, now: float, samples: list[Sample]) -> None:
         """Work out whether control is ours, and put word of a change before the other samples, of alarms behind."""
         reader, authority, is_beat = self._reader, self._authority, self._helm is None
@@ -446,34 +480,32 @@ class CompanionSession:
             if self._settings.as_gcs and self._settings.gcs_system is None:
                 self._gcs_codec.system = reader.parameters.gcs_system or DEFAULT_GCS
             self._steers_as = self._steering_codec.system
-        obstacle = authority.reason(now, reader.parameters, self._steers_as)
-        if self._signing is not None and (signing := self._signing.signing).refused:
-            if not obstacle or authority.cause is not HelmCause.SILENT:
-                self._refused_before = signing.refused.total()
-            elif signing.refused.total() > self._refused_before:
-                obstacle += f"; what comes is {signing.last_refusal}: {CURES[signing.last_refusal]}"
-        if not obstacle and not authority.steering:
-            obstacle = self._other.obstacle(now)
+        obstacle = self._obstacle(now)
         proof = self._probe if self._guided is None else self._guided
         if authority.disobeyed or obstacle:
             proof.reset()
         self._may_prove = not obstacle
+        is_deaf = bool(authority.disobeyed) or self._probe.stage is Stage.NOT_TAKEN
+        if is_deaf and not self._is_deaf:
+            reader.parameters.doubt()
+        self._is_deaf = is_deaf
         # once we steer, the age of each heading decides
         waits = "" if authority.steering else reader.streams.waiting or self._other.waiting(now)
         reason = obstacle or proof.reason or waits
         self._reason = self._with_signing(reason) if reason and self._it_signs else reason
-        is_unproven = self._guided is None and not obstacle and self._probe.stage in (Stage.GROWN_OLD, Stage.CHECKING)
-        cause = HelmCause.UNPROVEN if is_unproven else authority.cause
+        cause = self._cause(bool(obstacle), proof.reason, waits)
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):
             self._helm = HelmSample(now, not self._reason, self._reason, self.name, cause)
             samples.insert(0, self._helm)
         overridden = AlarmEvent("input_shared") if authority.others_override(now) else None
-        other = self._other.alarm(now, True) if authority.steering and self._other.is_there else None
+        by_other = self._other.alarm(now, True) if authority.steering and self._other.is_there else None
         found: dict[str, AlarmEvent | None] = {
-            "other pilot": other or overridden,
+            "other pilot": by_other or overridden,
             "attitude rate": reader.streams.slow,
             "attitude age": reader.streams.late,
+            "line": reader.streams.narrow,
             "guided": self._guided.alarm if self._guided is not None else None,
+            "servo": AlarmEvent("servo_changed", changed) if (changed := self._output.changed) else None,
         }
         if (bow := reader.bow) is not None:
             off, disobeyed = bow.obstacle, bow.disobeyed
@@ -502,6 +534,8 @@ class CompanionLink(CarriedLink):
     ) -> None:
         super().__init__(transport)
         self.session = CompanionSession(transport.name, settings, transport.is_stream, signing, sounder)
+        # of a serial line it is known
+        self.session.carry(getattr(transport, "bytes_per_s", math.inf))
         self.dropped = 0
         self._vacant_since: float | None = None
         # A ground station that also sends here must not take the vehicle's place.

@@ -22,7 +22,7 @@ from enum import Enum
 
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.steering import DISTINCT_US, SteeringOutput
-from autopilot.links.rudder_order import LONGEST_PERIOD_S, PATIENCE_S, REPORTS
+from autopilot.links.rudder_order import LONGEST_PERIOD_S, PATIENCE_S, REPORTS, SLOWEST_WAY_S, WAYS
 
 DISOBEDIENCE_S = 1.0
 """The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
@@ -182,12 +182,14 @@ class OverrideProbe:
         stage: how far the proof is.
         pulse [us]: the input that the proof asks for.
         message: what is being sent for the proof, None while nothing is.
+        way [s]: from an order to the report that shows it, as the last proof did.
     """
 
     def __init__(self, output: SteeringOutput, may_share: bool = False) -> None:
         self._output = output
         self._may_share = may_share
         self._is_waited_for = True
+        self.way = 0.0
         self.reset()
 
     def reset(self) -> None:
@@ -231,11 +233,13 @@ class OverrideProbe:
             self._judge_pause(now, number, pulse)
             return
         self._seen = self._seen + 1 if pulse == self.pulse else 0
-        if self._seen and not self._has_shown and now - self._aimed > DISOBEDIENCE_S:
+        is_first = self._seen > 0 and not self._has_shown
+        if is_first and now - self._aimed > DISOBEDIENCE_S:
             # the same lateness would end the steering as soon as the order moves
             self._refuse(now, Stage.NOT_TAKEN, LATE.format(number=number, seconds=now - self._aimed))
             return
-        self._has_shown = self._has_shown or self._seen > 0
+        if is_first:
+            self._has_shown, self.way = True, now - self._aimed
         # an override stays for seconds: what shows behind ours is no stick
         self._strange += self._has_shown and pulse != self.pulse
         if self._strange >= STRANGE_PROBES and not self._may_share:
@@ -322,10 +326,12 @@ class OverrideRelease:
 
     Attributes:
         is_asked: whether the release has been sent and no order since.
+        way [s]: from what is sent to the report that shows it.
     """
 
     def __init__(self) -> None:
         self.is_asked = False
+        self.way = 0.0
         self._sent: deque[tuple[float, int]] = deque()
         self._asked_time = math.nan
         self._last_order = math.nan
@@ -391,11 +397,12 @@ class OverrideRelease:
     @property
     def patience(self) -> float:
         """Seconds to wait for a report after the release."""
-        return PATIENCE_S + REPORTS * self._period
+        ways = SAME_S + WAYS * min(self.way, SLOWEST_WAY_S)
+        return max(PATIENCE_S, ways) + REPORTS * self._period
 
     def wants_mark(self, now: float) -> int | None:
         """Return the input [us] to find a mark beside, once, where the reports show what was ordered last."""
-        if self._is_mark_tried or self.shown_by or self._same is None or now - self._asked_time < SAME_S:
+        if self._is_mark_tried or self.shown_by or self._same is None or now - self._asked_time < SAME_S + self.way:
             return None
         return self._same
 
@@ -414,7 +421,7 @@ class OverrideRelease:
 
     def is_marking(self, now: float) -> bool:
         """Return whether a mark is under way that has not been seen yet."""
-        return self._mark is not None and not self._is_mark_seen and now - self._mark_sent < MARK_S
+        return self._mark is not None and not self._is_mark_seen and now - self._mark_sent < MARK_S + self.way
 
     def _keep(self, now: float, pulse: int) -> None:
         self._last_order = now

@@ -25,6 +25,19 @@ PATIENT_CHECKS = 3
 HEADINGS_IN_TIMEOUT = 3
 """Headings that must come within the time in which they grow too old: two may be lost in a row, as one in ten are on a
 line that loses a third."""
+LEAST_SHARE = 0.25
+"""Of its rate each stream is asked for at least, where the line has no room for all of them."""
+LINE_SHARE = 0.75
+"""Of what a line carries for the streams: the rest is for what a vehicle sends beside them, and that no queue forms."""
+FEW_LOST = 0.1
+"""With a larger share of messages lost it is not the line's room that is missing."""
+MORE, MORE_S, ALL_COME = 1.2, 20.0, 0.9
+"""Room that was found too little is tried for so many times as much after so long, where this share of all comes;
+where it does not then, after twice as long again."""
+OFTEN_HZ = 5.0
+"""Of slower streams a check sees too few."""
+FRAME_BYTES = 12
+"""Of a MAVLink 2 message, beside its fields."""
 WAITING = "waiting for headings (ATTITUDE) at the rate asked for"
 LATE_SHARE = 0.5
 """Where none is younger than this share of the age at which a heading counts as lost, that is an alarm."""
@@ -55,12 +68,17 @@ class MessageStreams:
         age: how old [s] the youngest of the first stream since the last check was as it came, inf before one; who
             receives it says so.
         late: the alarm of a first stream whose youngest has become so old; None where it has not.
+        lost, came: of the vehicle's messages since the last check, by their numbers; who receives them says so.
+        narrow: the notice of a line that has no room for all; None where there is no such line.
     """
 
     def __init__(
         self, rates_hz: dict[int, float], timeout: float = math.inf, optional_hz: dict[int, float] | None = None
     ) -> None:
-        self._rates, self._optional = dict(rates_hz), dict(optional_hz or {})
+        self._wanted, self._optional = dict(rates_hz), dict(optional_hz or {})
+        self._rates = self._wanted
+        self._cost = {each: FRAME_BYTES + dialect.mavlink_map[each].unpacker.size for each in rates_hz}
+        self._carries = self._room = math.inf
         # what was asked for cannot be too slow
         self._least = min(HEADINGS_IN_TIMEOUT / timeout, ENOUGH * next(iter(self._rates.values())))
         self._oldest = LATE_SHARE * timeout
@@ -72,7 +90,8 @@ class MessageStreams:
 
         '' once it has come, or is slower than asked for and fast enough.
         """
-        return self._too_slow if self._settled else WAITING
+        comes_back = self._was_silent and self.counts[next(iter(self._rates))] > 0
+        return WAITING if comes_back or not self._settled else self._too_slow
 
     @property
     def is_open(self) -> bool:
@@ -86,10 +105,71 @@ class MessageStreams:
         self.age = math.inf
         self._too_slow = ""
         self._slow_checks = 0
+        self._was_silent = False
         self._settled = False
         self._rounds = OPTIONAL_ROUNDS
+        self.lost = self.came = self._full_checks = 0
+        self._fitted_at, self._more_s, self._is_tried = -math.inf, MORE_S, False
+        self._came_before = 0.0
+        self._fit(self._carries)
         self.counts = dict.fromkeys(self._rates, 0)
         self.checked_at, self.pause = -math.inf, FIRST_CHECK_S
+
+    def carry(self, bytes_per_s: float) -> None:
+        """Take what the line carries, inf where nobody knows: no more is asked for than goes over it."""
+        self._carries = LINE_SHARE * bytes_per_s
+        self._fit(self._carries)
+
+    def _fit(self, room: float) -> None:
+        """Ask for what `room` [B/s] is enough for: a share of each, and of the rest the most wanted first."""
+        self._room, wanted, cost = room, self._wanted, self._cost
+        least = {each: LEAST_SHARE * rate for each, rate in wanted.items()}
+        first = next(iter(wanted))
+        least[first] = max(least[first], min(self._least / ENOUGH, wanted[first]))
+        left = max(room - sum(least[each] * cost[each] for each in wanted), 0.0)
+        given = {}
+        for each, rate in wanted.items():
+            given[each] = min(least[each] + left / cost[each], rate)
+            left = max(left - (given[each] - least[each]) * cost[each], 0.0)
+        self._rates = given
+        less = f"headings at {given[first]:.0f} Hz of {wanted[first]:.0f}" if given[first] < wanted[first] else ""
+        others = "all else less often" if any(given[each] < rate for each, rate in wanted.items()) else ""
+        self.narrow = AlarmEvent("line_narrow", less or others) if less or others else None
+
+    def _refit(self, now: float, seconds: float) -> bool:
+        """Return whether less, or more again, is to be asked for, by what came in the last `seconds`.
+
+        A line without room loses next to nothing, for the vehicle waits; what is sent most often waits most (ArduPilot
+        takes what has waited longest). Where the headings alone are slow, it is the vehicle that sends no more.
+        """
+        brought = {each: count / seconds for each, count in self.counts.items()}
+        often = [each for each, rate in self._wanted.items() if rate >= OFTEN_HZ]
+        first, *others = (brought[each] / self._rates[each] for each in often or self._wanted)
+        is_whole = self.lost <= FEW_LOST * (self.came + self.lost) and self._came_before < math.inf
+        waits = self._came_before > 0.0 or any(0.0 < share < ALL_COME for share in others)
+        is_full = is_whole and waits and 0.0 < first < ENOUGH
+        self._full_checks = self._full_checks + 1 if is_full else 0
+        come = next(iter(brought.values()))
+        if first >= ENOUGH and self._came_before < math.inf:
+            self._came_before = 0.0
+        if self._full_checks >= PATIENT_CHECKS and come <= MORE * self._came_before:
+            self._fit(self._carries)  # to ask for less has brought no more: it is not the line
+            self._came_before = math.inf
+        elif self._full_checks >= PATIENT_CHECKS:
+            self._came_before = come
+            self._fit(LINE_SHARE * sum(rate * self._cost[each] for each, rate in brought.items()))
+        elif self._is_tried and min(first, *others) < ALL_COME:
+            self._fit(self._room / MORE)
+            self._more_s *= 2.0
+        elif self._room < self._carries and now - self._fitted_at > self._more_s and min(first, *others) >= ALL_COME:
+            self._fit(min(MORE * self._room, self._carries))
+            self._is_tried, self._full_checks, self._fitted_at = True, 0, now
+            return True
+        else:
+            self._is_tried = False
+            return False
+        self._is_tried, self._full_checks, self._fitted_at = False, 0, now
+        return True
 
     def due(self, now: float) -> list[tuple[int, int]]:
         """Return (message id, interval [us]) of the streams to ask for at `now` [s]."""
@@ -98,7 +178,11 @@ class MessageStreams:
             return []
         if not first:
             self.pause = CHECK_S
-            self._watch_first(passed)
+            first = self._refit(now, passed)
+            if first:
+                self._slow_checks = 0  # of what is asked for from now on
+            else:
+                self._watch_first(passed)
         if self._oldest * (OVER_SHARE if self.late else 1.0) < self.age < math.inf:
             # said once: how old they are wavers
             self.late = self.late or AlarmEvent("headings_late", f"{self.age:.1f} s")
@@ -116,12 +200,16 @@ class MessageStreams:
             wanted += [(identity, round(1.0e6 / rate)) for identity, rate in self._optional.items()]
         self.checked_at = now
         self.counts = dict.fromkeys(self._rates, 0)
+        self.lost = self.came = 0
         return wanted
 
     def _watch_first(self, seconds: float) -> None:
         identity, wanted = next(iter(self._rates.items()))
         rate = self.counts[identity] / seconds
-        self._too_slow = TOO_SLOW.format(rate=rate, least=self._least) if 0.0 < rate < self._least else ""
+        # of a check within which they came back it is not known how quickly they come
+        is_known, self._was_silent = not self._was_silent or rate == 0.0, rate == 0.0
+        is_slow = 0.0 < rate < self._least
+        self._too_slow = "" if not is_slow else TOO_SLOW.format(rate=rate, least=self._least) if is_known else WAITING
         if rate >= wanted * ENOUGH:
             self.slow, self._slow_checks, self._settled = None, 0, True
             return
@@ -130,10 +218,12 @@ class MessageStreams:
             return
         self._settled = True
         # said once: a rate that wavers is no news; that nothing comes at all others will say
-        if self.counts[identity] and not self.slow:
+        if self.counts[identity] and is_known and not self.slow:
             self.slow = AlarmEvent("headings_slow", f"{rate:.0f} Hz though {wanted:.0f} Hz")
 
 
+AGAIN_S = 3.0
+"""One of the parameters in use is asked for again so often: word of a change by another station may be lost."""
 RETRY_S = 0.5
 BURST = 8
 """Requests sent at once, so that a slow telemetry radio is not flooded."""
@@ -157,6 +247,8 @@ EXPO = "MANUAL_STR_EXPO"
 OVERRIDE_TIME = "RC_OVERRIDE_TIME"
 SPEED_SCALING = 1
 """MANUAL_OPTIONS: steering is made less with the speed."""
+IGNORES_OVERRIDES = 2
+"""RC_OPTIONS: no override is taken."""
 OVERRIDE_TIME_S = 3.0
 """Where the vehicle has not reported it."""
 CHANNEL_COUNT = 16
@@ -240,7 +332,8 @@ class VehicleParameters:
         self._asked: dict[str, tuple[float, int]] = {}
         self.to_ask: list[str] = []
         """Names that have not come yet, and may still."""
-        self._next_burst = -math.inf
+        self._next_burst = self._next_again = -math.inf
+        self._again, self._is_doubted = 0, False
         self._changed()
 
     def take(self, name: str, value: float) -> bool:
@@ -301,6 +394,19 @@ class VehicleParameters:
             self.to_ask = [name for name in self.to_ask if not self._given_up(name)]
         return names
 
+    def again(self, now: float) -> list[str]:
+        """Return what to ask for once more at `now` [s], once all has come: a name in use now and then, or all of them
+        behind `doubt`."""
+        if self.to_ask or not self._in_use or (now < self._next_again and not self._is_doubted):
+            return []
+        names, is_all = self._in_use, self._is_doubted
+        self._next_again, self._again, self._is_doubted = now + AGAIN_S, (self._again + 1) % len(names), False
+        return names if is_all else [names[self._again]]
+
+    def doubt(self) -> None:
+        """Have all that is in use asked for once more: our orders do not do what they should."""
+        self._is_doubted = True
+
     @property
     def gcs_impossible(self) -> bool:
         """Whether the vehicle has reported a ground-station id that is none."""
@@ -354,6 +460,11 @@ class VehicleParameters:
         self.steering_servo: int | None = self.steering_servos[0] if self.steering_servos else None
         self.throttle_servo: int | None = outputs.get(THROTTLE) if self.drive.needs is Needs.THRUST else None
         self.found_functions = frozenset(outputs) & STEERING_FUNCTIONS
+        self._in_use = [
+            *(name for name in (self.gcs_name, "RCMAP_ROLL", EXPO, OVERRIDE_TIME, "RC_OPTIONS") if name in values),
+            *(f"RC{self.steering_input}_{suffix}" for suffix in RC_SUFFIXES if self.steering_input is not None),
+            *(f"SERVO{n}_{suffix}" for n in self.steering_servos for suffix in (*SERVO_SUFFIXES, "FUNCTION")),
+        ]
         self._missing = self._find_missing()
         self.to_ask = [name for name in self._missing if not self._given_up(name)]
 

@@ -57,6 +57,11 @@ class SteeringChannel(NamedTuple):
     scale: tuple[float, float, float] | None = None
     """Pulses [us] at -1, 0 and 1 of full rudder; None: the servo's own end points and trim."""
 
+    @property
+    def ends(self) -> tuple[float, float, float]:
+        """The servo's end points, its trim between them [us]."""
+        return self.servo_min, self.servo_trim, self.servo_max
+
     def check(self) -> None:
         """Raise ValueError where the end points are no pulse widths, or leave no room to steer."""
         pulses = (self.rc_min, self.rc_trim, self.rc_max, self.servo_min, self.servo_trim, self.servo_max)
@@ -259,6 +264,13 @@ def _with_expo(expo: float, steering: int) -> int:
     return int(FULL * (1.0 - expo) * share / (1.0 - expo * abs(share)))
 
 
+def _change_of(parameters: VehicleParameters, before: Iterable[float], after: Iterable[float]) -> str:
+    """Return which of the steering servo's end points and trim [us] were changed, and how."""
+    names = (f"SERVO{parameters.steering_servo}_{suffix}" for suffix in ("MIN", "TRIM", "MAX"))
+    changes = zip(names, before, after, strict=True)
+    return ", ".join(f"{name} was changed from {old:g} to {new:g}" for name, old, new in changes if old != new)
+
+
 LEAVE_ALONE, RELEASE = 65535, 0
 RELEASE_HIGH_CHANNEL, FIRST_HIGH = 65534, 9
 """From this channel of RC_CHANNELS_OVERRIDE on, 0 leaves it alone."""
@@ -288,6 +300,7 @@ class SteeringOutput:
         mixing: how a skid-steered frame mixes, and what its thrusters do.
         throttle: that beside which a skid-steered frame steers, a share of full; whoever sees it sets it.
         bow: what the same messages carry for a bow thruster, on a channel of its own; None: there is none.
+        changed: which of the servo's end points and trim were changed while we steered; those of before still count.
     """
 
     def __init__(
@@ -311,6 +324,8 @@ class SteeringOutput:
         self._scale, self._angle_max = servo_us, angle_max
         self.mixing, self.throttle = thrusters, 0.0
         self.bow: BowThrusterOutput | None = None
+        self.changed = ""
+        self._kept: tuple[float, float, float] | None = None
         self._is_mixed = False
         self._number = 0
         self._held = 0
@@ -322,14 +337,22 @@ class SteeringOutput:
         self._given = math.nan
         self._releases_left = 0
 
-    def use(self, parameters: VehicleParameters) -> str:
-        """Take the vehicle's parameters as known so far; return what makes steering impossible, or ''."""
+    def use(self, parameters: VehicleParameters, is_steered: bool = False) -> str:
+        """Take the vehicle's parameters as known so far; return what makes steering impossible, or ''.
+
+        The same pulse is the same rudder whatever the servo's end points are set to: where they change while the boat
+        is steered, the scale stays that of before.
+        """
         number, channel = parameters.steering_input, channel_of(parameters)
         self._is_mixed = parameters.drive.is_mixed
         if self._is_mixed:
             self.mixing = mixing_of(parameters, self.mixing.exponent, self.mixing.astern_share)
         elif channel is not None:
-            channel = channel._replace(scale=self._scale)
+            if is_steered and self.channel is not None:
+                self._kept = self._kept or self.channel.ends
+            kept = self._kept or channel.ends
+            self.changed = _change_of(parameters, kept, channel.ends) if self._scale is None else ""
+            channel = channel._replace(scale=self._scale or (kept if self.changed else None))
         if channel == self.channel and number == self._number:
             return "" if channel is None else self._short_of_angle(channel, parameters.steering_servo)
         self.forget()
@@ -352,12 +375,22 @@ class SteeringOutput:
         low, middle, high = (round(pulse) for pulse in channel.scale)
         share = self._angle_max * abs(self.share_per_radian)
         least, most = round(middle - share * (middle - low)), round(middle + share * (high - middle))
+        if self.changed:
+            return (
+                f"{self.changed} while we steered, which leaves {degrees:.0f} deg of rudder, and "
+                f"rudder.angle_max_deg is {ordered:.0f}; set it back, or start again to take the new ones for all of it"
+            )
         return (
             f"SERVO{servo}_MIN to _MAX, {channel.servo_min} to {channel.servo_max} us, is {degrees:.0f} deg of rudder "
             f"by helm.servo_us [{low}, {middle}, {high}], and rudder.angle_max_deg is {ordered:.0f}; set "
             f"SERVO{servo}_MIN to {least} and SERVO{servo}_MAX to {most}, or rudder.angle_max_deg to "
             f"{math.floor(degrees)}, or correct helm.servo_us"
         )
+
+    def restarted(self) -> None:
+        """Forget what was in force before the vehicle restarted."""
+        self.forget()
+        self._kept, self.changed = None, ""
 
     def forget(self) -> None:
         """Forget the vehicle's parameters and the last command, as after a reboot; not what is to be released."""

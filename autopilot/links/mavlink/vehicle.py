@@ -58,6 +58,10 @@ CHANNELS_TIMEOUT_S = 1.0
 SERVO_SOURCE = "servo_output_raw"
 SHOWN_OUTPUTS = 16
 """As many outputs has a SERVO_OUTPUT_RAW."""
+OUTPUTS = dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+"""There, healthy and not enabled in SYS_STATUS where the safety switch is on (libraries/GCS_MAVLink/GCS.cpp)."""
+OVERTAKEN = 128
+"""A message whose number lies so far ahead is one that came behind another."""
 FIX_2D = 2
 CLEARED_BY_STICK = "RC overrides cleared by pilot input"
 """ArduPilot since 4.8, where RC_OPTIONS has bit 14 (libraries/RC_Channel/RC_Channels.cpp)."""
@@ -205,6 +209,7 @@ class VehicleReader:
                 del self.handlers[identity]
         self.streams = MessageStreams(rates_hz, settings.heading_timeout, {WIND: 2.0, FILTER: 1.0})
         self._wind_speed = math.nan
+        self._number = 0
 
     def silence(self) -> None:
         """Take that nobody listened for a while: what comes next has waited, and tells of no silent vehicle."""
@@ -219,7 +224,12 @@ class VehicleReader:
         """Read one message of the vehicle that arrived at `now` [s]; its samples are appended to `samples`."""
         authority = self.authority
         authority.received_time = now
-        identity = message._header.msgId
+        header, streams = message._header, self.streams
+        identity, gap = header.msgId, (header.seq - self._number - 1) & 0xFF
+        self._number = header.seq
+        streams.came += 1
+        if 0 < gap < OVERTAKEN:
+            streams.lost += gap
         if identity in self.handlers:
             self.handlers[identity](now, message, samples)
         # PX4 leaves Offboard for a lost radio by itself, where it is set to
@@ -227,6 +237,8 @@ class VehicleReader:
 
     def _system(self, now: float, message: Message, samples: list[Sample]) -> None:
         self.streams.counts[SYSTEM] += 1
+        healthy = message.onboard_control_sensors_present & message.onboard_control_sensors_health
+        self.authority.is_safe = bool(healthy & ~message.onboard_control_sensors_enabled & OUTPUTS)
         self.radio.status(message.onboard_control_sensors_enabled, message.onboard_control_sensors_health)
         samples.extend(self.health.take(now, message))
 
@@ -380,6 +392,7 @@ class VehicleReader:
             self._output.release_again()
         self.release.report(now, pulse, "RC_CHANNELS")
         self.probe.report(now, number, pulse)
+        self.release.way = self.probe.way
 
     def _navigation(self, now: float, message: Message, samples: list[Sample]) -> None:
         if self.guided is not None:
@@ -399,7 +412,7 @@ class VehicleReader:
         name, parameters, authority = message.param_id, self.parameters, self.authority
         steered, before, was = parameters.steering_input, self._output.channel, parameters.get(name)
         if parameters.take(name, message.param_value):
-            authority.misfit = self._output.use(parameters)
+            authority.misfit = self._output.use(parameters, is_steered=authority.steering)
             if self.bow is not None:
                 self.bow.use(parameters)
             after, is_another = self._output.channel, steered != parameters.steering_input
@@ -445,7 +458,7 @@ class VehicleReader:
     def _ask_anew(self) -> None:
         self.parameters.reset()
         self.streams.reset()
-        self._output.forget()
+        self._output.restarted()
         if self.bow is not None:
             self.bow.forget()
         self.authority.misfit = self.authority.radio = ""

@@ -52,6 +52,8 @@ def _by_serial_number(name: str, number: str, present: Sequence[Any]) -> str:
     raise NotThereError(f"{name}: no adapter with USB serial number {number}; plug it in (present are: {there})")
 
 
+BITS_A_BYTE = 10.0
+"""Start bit, eight of data, stop bit."""
 CHUNK_LIMIT = 4096
 RECEIVE_LIMIT = 64
 
@@ -67,9 +69,13 @@ class SerialTransport(Transport):
     is_local = False
     """Nobody knows what is plugged in: a telemetry radio is open to everybody in its range."""
 
+    bytes_per_s: float
+    """What the line carries at most."""
+
     def __init__(self, name: str, path: str, baud: int) -> None:
         self.name = name
         self.baud = baud
+        self.bytes_per_s = baud / BITS_A_BYTE
         self._path = path = device_of(name, path)
         self._closed = False
         self._chunks = WholeChunks(self._push)
