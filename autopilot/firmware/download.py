@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -60,6 +61,8 @@ class Download:
     """So many packets in a row must tell of a smaller table before it counts."""
     RESTARTS_MAX = 3
     """A vehicle whose table changes under our hands is read again, this often."""
+    ROUNDS = 8
+    """So often what stands at two places is asked for again: of one answer in five at a wrong one nothing is left."""
 
     def __init__(self, target: Target) -> None:
         self._target = target
@@ -68,7 +71,7 @@ class Download:
         self._list_tries = 0
         self._last_news: float | None = None
         self._gaps: Requests[int] | None = None
-        self._restarts = 0
+        self._restarts = self._rounds = 0
         self._smaller_in_a_row = 0
         self._hash: Number | None = None
         self.finished = False
@@ -119,7 +122,19 @@ class Download:
         self._by_index[value.position] = value
         if self._gaps is not None:
             self._gaps.answered(value.position, now)
-        self.finished = len(self._by_index) == self._count
+        if len(self._by_index) == self._count:
+            self._end()
+
+    def _end(self) -> None:
+        """Finish, unless a name stands at two places of the table: one of them is another's, and both are asked for."""
+        often = Counter(value.name for value in self._by_index.values())
+        doubled = [index for index, value in self._by_index.items() if often[value.name] > 1]
+        for index in doubled:
+            del self._by_index[index]
+        self.finished = not doubled or self._rounds == self.ROUNDS
+        if not self.finished:
+            self._rounds += 1
+            self._gaps = Requests(self.missing, PATIENCE)
 
     def update(self, value: ParameterValue) -> None:
         """Somebody set a parameter meanwhile: the newer value counts."""
@@ -155,7 +170,8 @@ class Download:
         if self._gaps is None:
             return self._list_due(now)
         messages = [read_by_index(self._target, index) for index in self._gaps.due(now)]
-        self.finished = self._gaps.done
+        if self._gaps.done:
+            self._end()
         return messages
 
     def _list_due(self, now: float) -> list[Message]:

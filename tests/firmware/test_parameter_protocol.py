@@ -191,6 +191,38 @@ def test_a_list_that_stops_half_way_is_completed_by_index() -> None:
     assert len(client.values) == 100
 
 
+class WrongPlaces(ParameterVehicle):
+    """Gives a share of its answers the place of another parameter."""
+
+    share, rng = 0.2, random.Random(20261129)
+
+    def packet(self, name: str, index: int) -> bytes:
+        return super().packet(name, (index + 7) % len(self.table) if self.rng.random() < self.share else index)
+
+
+def test_answers_at_the_place_of_another_lose_no_parameter() -> None:
+    vehicle = WrongPlaces(table_of(500, False))
+    client = Download(Target(1, 1))
+    converse(client, vehicle, *links(0.0), limit_s=90.0)
+    assert {name: value.value for name, value in client.values.items()} == {
+        name: entry[0] for name, entry in vehicle.table.items()
+    }
+
+
+class OneTwice(ParameterVehicle):
+    """Says the same of two places."""
+
+    def packet(self, name: str, index: int) -> bytes:
+        return super().packet("P0004" if index == 3 else name, index)
+
+
+def test_places_that_stay_doubled_are_missing_in_the_end() -> None:
+    vehicle = OneTwice(table_of(50, False))
+    client = Download(Target(1, 1))
+    converse(client, vehicle, *links(0.0), limit_s=90.0)
+    assert client.missing == [3, 4]
+
+
 def test_a_table_that_grows_while_it_is_read_is_read_again() -> None:
     vehicle = ParameterVehicle(table_of(100, False))
     client = Download(Target(1, 1))
