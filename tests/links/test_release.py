@@ -145,6 +145,18 @@ def test_a_mapping_that_is_changed_while_we_steer_is_named(name: str, value: flo
     assert not is_held(boat)
 
 
+@pytest.mark.parametrize(("name", "value"), [("SYSID_MYGCS", 250.0), ("RC1_TRIM", 1600.0), ("MANUAL_STR_EXPO", 0.6)])
+def test_a_parameter_that_is_changed_without_a_word_costs_no_helm(name: str, value: float) -> None:
+    boat = steering(20.0, settings={"as_gcs": True})
+    boat.firmware.parameters.set(name, value)
+    for number in range(20):
+        angle = math.radians((20.0, -15.0)[number % 2])
+        boat.order = Order(OrderKind.RUDDER, rudder=angle, serial=number + 2)
+        boat.run(3.0)
+        assert boat.tick.mode is Mode.ENGAGED, words_of(boat.tick)
+    assert boat.link.session.parameters.get(name) == pytest.approx(value) and is_held(boat)
+
+
 def test_after_the_steering_is_mapped_to_another_input_that_one_is_proved_and_steers() -> None:
     boat = steering(20.0)
     boat.vehicle.receive(

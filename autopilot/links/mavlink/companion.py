@@ -485,7 +485,8 @@ class CompanionSession:
         if authority.disobeyed or obstacle:
             proof.reset()
         self._may_prove = not obstacle
-        is_deaf = bool(authority.disobeyed) or self._probe.stage is Stage.NOT_TAKEN
+        is_doubtful = authority.steering and authority.echo.is_doubtful
+        is_deaf = is_doubtful or bool(authority.disobeyed) or self._probe.stage is Stage.NOT_TAKEN
         if is_deaf and not self._is_deaf:
             reader.parameters.doubt()
         self._is_deaf = is_deaf

@@ -26,6 +26,8 @@ from autopilot.links.rudder_order import LONGEST_PERIOD_S, PATIENCE_S, REPORTS, 
 
 DISOBEDIENCE_S = 1.0
 """The rudder may differ from the command this long: reports come at 5 to 10 Hz and are as old as the link."""
+DOUBT_S = 0.4
+"""From here on it may be a parameter that was changed: what comes of reading them again comes before the verdict."""
 AGREEMENT_WEIGHT = 0.5
 """Reports that agree make good half as much: a rudder that follows somebody else every other time is found out too."""
 PULSE_TOLERANCE_US = 3
@@ -116,6 +118,11 @@ class OverrideEcho:
         as the order swings about it. `what` names the report, such as "RC channel 1" or "servo 1".
         """
         return differing(what, pulse, expected) if self.disagrees(now, what, agrees_with(pulse, expected)) else ""
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether some report has disagreed for so long that it may be going to for too long."""
+        return any(doubt > DOUBT_S for _, doubt in self._doubts.values())
 
     def disagrees(self, now: float, what: str, agrees: bool) -> bool:
         """Take whether the report `what` agrees with what is commanded; return whether it has not for too long."""

@@ -268,6 +268,8 @@ SETTINGS = (
 """What the firmware does when somebody falls silent, and what it takes from a stick."""
 WELCOME = (*STICKS, *SETTINGS, *(f"RC{number}_OPTION" for number in range(1, CHANNEL_COUNT + 1)))
 """Asked for too, but steering does not wait for them."""
+WAYS = ("RC_OPTIONS", "PILOT_STEER_TYPE", "MANUAL_OPTIONS")
+"""Of these, what may keep the steering input from the rudder."""
 SCALED = 139
 """SERVOn_FUNCTION of an output that passes channel n of the radio on, by the channel's end points, is n more."""
 SAFE_MASK = "SERVO_RC_FS_MSK"
@@ -461,7 +463,7 @@ class VehicleParameters:
         self.throttle_servo: int | None = outputs.get(THROTTLE) if self.drive.needs is Needs.THRUST else None
         self.found_functions = frozenset(outputs) & STEERING_FUNCTIONS
         self._in_use = [
-            *(name for name in (self.gcs_name, "RCMAP_ROLL", EXPO, OVERRIDE_TIME, "RC_OPTIONS") if name in values),
+            *(name for name in (self.gcs_name, "RCMAP_ROLL", EXPO, OVERRIDE_TIME, *WAYS) if name in values),
             *(f"RC{self.steering_input}_{suffix}" for suffix in RC_SUFFIXES if self.steering_input is not None),
             *(f"SERVO{n}_{suffix}" for n in self.steering_servos for suffix in (*SERVO_SUFFIXES, "FUNCTION")),
         ]
