@@ -34,6 +34,7 @@ from autopilot.identification.likelihood_record import (
 from autopilot.identification.likelihood_search import (
     GUST_TIME_S,
     GUST_TIME_WIDTH,
+    LATE_S,
     NEAR,
     RATE_NAMES,
     SWAY,
@@ -51,7 +52,7 @@ from autopilot.identification.marginal_likelihood import (
 )
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Segment
-from autopilot.identification.weather_average import averaged, mixed
+from autopilot.identification.weather_average import Known, averaged, mixed
 from autopilot.models.drives import DriveLaw
 from autopilot.models.weather import RaceAndWind
 
@@ -210,6 +211,8 @@ def likelihood_fit(
     bare = space, best, loss, curvature
     progress()
     waves = [(other, *approached(other, other.start)) for other in _with_waves(space, best, loss, usual)]
+    orders = _with_own_lags([bare[:2], *(each[:2] for each in waves)])
+    waves += orders
     least = min(loss, *(each[2] for each in waves)) if waves else loss
     # a difference, not a sum: a loss may be so large that the limit is lost in it
     hopeful = [each for each in waves if each[2] - least < NO_KIND + NEAR]
@@ -218,6 +221,7 @@ def likelihood_fit(
     space, best, loss, _ = min(tried, key=lambda each: each[2])
     likely = [each for each in tried if each[2] - loss < (NO_PART if each is bare else NO_KIND)]
     found = [averaged(*each[:2], each[3], draws) for each in likely]
+    found = _alike_in_time(found) if orders else found
     progress()
     space, best, *_ = likely[max(range(len(found)), key=lambda k: found[k].evidence)]
     _, weather, train = space.opened(best)
@@ -253,6 +257,48 @@ def likelihood_fit(
         power = _unknown_power(space, best, record_of(segments, reference_speed, memory).scales.linear)
     power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
     return fit._replace(unseen=unseen, power=power)
+
+
+def _has_changed(space: Space, z: FloatArray) -> bool:
+    """Return whether the vector's boat may have changed places with the lag of its rudder."""
+    rates, _, train = space.opened(z)
+    return "lag" in space.parts and "lead" not in space.parts and rates.b * train.lag > CHANGED
+
+
+def _with_own_lags(ends: Sequence[tuple[Space, FloatArray]]) -> list[tuple[Space, FloatArray, float]]:
+    """Return what `approached` finds, with its space, from the boats that have all of the two lags in a row that one of
+    the `ends` may have exchanged; empty where none did, or all come back there.
+
+    Two lags answer a rudder alike in either order, and their sum is known best. What the boat turns by for good stays,
+    and how far gusts turn it; the rudder has what is usual of one.
+    """
+    found = []
+    for space, z in ends:
+        if not _has_changed(space, z):
+            continue
+        rates, weather, train = space.opened(z)
+        share = 1.0 / (1.0 + rates.b * train.lag)
+        weather = weather._replace(gust=share * weather.gust, white=share * weather.white)
+        slow, behind = Rates(*(share * rate for rate in rates)), train._replace(lag=LATE_S)
+        other = Space(space.record, slow, weather, behind, space.parts, space.scale, space.beside_at(z), space.groups)
+        other.priors, other.path = space.priors, space.path
+        found.append((other, *approached(other, other.start)))
+    return [each for each in found if not _has_changed(*each[:2])]
+
+
+def _alike_in_time(found: Sequence[Known]) -> list[Known]:
+    """Return what is known with evidences that compare boats of very different T as if none of ln T, K, n3 and n0 were
+    likelier before than another: da db dd de = |b|^4 d(ln T) dK dn3 dn0. Alike in a, b, d and e, quick ones would be.
+    """
+    logs = [math.log(max(abs(float(known.mean[1])), SMALLEST)) for known in found]
+    return [
+        known._replace(evidence=known.evidence - len(RATE_NAMES) * log) for known, log in zip(found, logs, strict=True)
+    ]
+
+
+SMALLEST = 1.0e-6
+CHANGED = 0.5
+"""Of the boat's time constant: a rudder's lag of less is not the boat's."""
 
 
 def _alike(segments: Sequence[Segment]) -> IntArray:

@@ -19,6 +19,7 @@ from scipy.linalg import expm
 from autopilot.cli.identify_vessel import Given, write_vessel
 from autopilot.cli.main import main
 from autopilot.errors import InputError
+from autopilot.identification import likelihood_fit as likelihood_fit_module
 from autopilot.identification import likelihood_record
 from autopilot.identification.compass_and_gyro import compass_late, in_time
 from autopilot.identification.identified import Identified, Question
@@ -451,6 +452,33 @@ def space_in_waves() -> Space:
     record = record_of(segments, SPEED_M_S, memory_of(truth, segments))
     weather = Weather(0.02 * plant.a, 5.0, 1.0e-3 * plant.a, 1.0, math.radians(0.3), 0.01, 1.2, 0.1)
     return Space(record, truth, weather, DIRECT, (), scales(segments, truth))
+
+
+def test_a_boat_that_changed_places_with_its_rudders_lag_is_found() -> None:
+    """Two lags in a row answer a rudder alike in either order; waves not told yet lead a search to either."""
+    plant, sea = PLANT["K 0.43, T 3.5"], SEA["gusts and waves"]
+    run = runs_of(plant, sea, 2026112963)[0]
+    truth = Rates(plant.a, plant.b, plant.d, plant.e)
+    record, parts = record_of(run.segments, SPEED_M_S, memory_of(truth, run.segments)), ("delay", "lag")
+    push = plant.a * math.radians(1.0)
+    weather, scale = (
+        Weather(push, 5.0, 1.0e-3 * push, 1.0e-3, 0.005, push, 1.26, 0.1, True),
+        scales(run.segments, truth),
+    )
+    wrong = Rates(*(7.0 * rate for rate in truth))
+    space = Space(record, wrong, weather, RudderTrain(delay=0.1, lag=3.0), parts, scale)
+    exchanged, loss = approached(space, space.start)
+    assert space.opened(exchanged)[2].lag > 1.0  # the search alone stays there
+    (other, best, less), *_ = likelihood_fit_module._with_own_lags([(space, exchanged)])
+    rates, _, train = other.opened(best)
+    assert less < loss and train.lag < 1.0 and 1.0 / rates.b == pytest.approx(3.5, rel=0.5)
+
+
+def test_boats_of_other_time_constants_are_compared_alike_in_time() -> None:
+    """A boat n times as quick has n^4 times the room in a, b, d and e for the same doubt of K, T, n3 and n0."""
+    slow, quick = (Known(np.full(4, rate), np.eye(4), 1.0, math.log(rate**4)) for rate in (0.1, 2.0))
+    same, other = likelihood_fit_module._alike_in_time([slow, quick])
+    assert same.evidence == pytest.approx(other.evidence)
 
 
 def test_the_search_ends_at_one_place_from_wherever_it_begins() -> None:
