@@ -5,13 +5,14 @@ No delay or lag of the rudder's train does that, and a fit that has no other exp
 before the fit the rudder is moved at each of a ladder of rates, and the rate is taken with which Norrbin's model, to
 the first order of its n3, explains the rate of turn best:
 
-    r = a x + b y + e,   T x' = U d/U0 - x,   T y' = x^3 - y,
+    r = a x + b y + c x' + e,   T x' = U d/U0 - x,   T y' = x^3 - y,
 
-linear in a, b and e; T and a delay are searched. The regressors know nothing of the measured motion, so that its noise
-biases nothing. A heading alone is differentiated, and it and the regressors are averaged alike. Delay and lag of the
-train compete: the filed rate is tried with a few of both, so that a rudder that is merely late is not called slow. The
-evidence is the ratio of likelihoods of white residuals, as many of them as are independent by their autocorrelation.
-Boats that are course-unstable show no rate.
+linear in a, b, c and e; T and a delay are searched. c x' is what a lateness between the delays that are tried adds, to
+first order; what goes with exp(-t/T) is left out, for nobody knows how the boat turned before a stretch began. The
+regressors know nothing of the measured motion, so that its noise biases nothing. A heading alone is differentiated, and
+it and the regressors are averaged alike. Delay and lag of the train compete: the filed rate is tried with a few of
+both, so that a rudder that is merely late is not called slow. The evidence is the ratio of likelihoods of white
+residuals, as many of them as are independent by their autocorrelation. Boats that are course-unstable show no rate.
 
 Derived here; first order in n3: the perturbation of Nomoto's model by its cubic term.
 """
@@ -47,7 +48,7 @@ AVERAGED = 1.0
 MOST = 3000
 """Of a recording as many samples at most are looked at: no rudder's rate needs more."""
 BESIDE = 0.05
-"""The standard error is that of a parabola through so much slower and quicker, and not more than this."""
+"""The standard error is that of a parabola through so much slower and quicker, a step of the ladder at most."""
 NO_MISFIT = 1.0e-16
 """Of recordings without noise [(rad/s^2)^2]."""
 
@@ -121,7 +122,7 @@ def slower_rudder(
         return None
     beside = [math.log(_at_rate(series, rate * math.exp(side * BESIDE)).square) for side in (-1.0, 1.0)]
     bend = 0.5 * here.independent * (sum(beside) - 2.0 * math.log(here.square)) / (BESIDE * BESIDE)
-    error = rate * (1.0 / math.sqrt(bend) if bend > BESIDE**-2 else BESIDE)
+    error = rate / math.sqrt(max(bend, math.log(LADDER) ** -2))
     return RudderRate(rate, error, _movements(series, rate), True)
 
 
@@ -261,16 +262,25 @@ def _square(series: Sequence[_Series], driven: Sequence[FloatArray], time: float
 
 
 def _residual(series: Sequence[_Series], driven: Sequence[FloatArray], time: float) -> FloatArray:
-    rows = []
+    tables = []
     for each, rudder in zip(series, driven, strict=True):
         x = _low_pass(rudder, each.dt, time)
         y = _low_pass(x**3, each.dt, time)
-        rows.append(np.column_stack([_mean_of(x, each.averaged), _mean_of(y, each.averaged), np.ones_like(x)]))
-    regressors, found = np.vstack(rows), np.concatenate([each.rate for each in series])
+        begin = np.exp(-each.dt / time * np.arange(x.size))
+        columns = (x, y, (rudder - x) / time, np.ones_like(x), begin)
+        averaged = [_mean_of(column, each.averaged) for column in columns]
+        tables.append(_without_begin(np.column_stack([*averaged[:-1], each.rate]), averaged[-1]))
+    table = np.vstack(tables)
+    regressors, found = table[:, :-1], table[:, -1]
     scale = np.linalg.norm(regressors, axis=0)
     regressors = regressors / np.where(scale > 0.0, scale, 1.0)
-    square = regressors.T @ regressors + 1.0e-12 * np.eye(3)
+    square = regressors.T @ regressors + 1.0e-12 * np.eye(scale.size)
     return np.asarray(found - regressors @ np.linalg.solve(square, regressors.T @ found))
+
+
+def _without_begin(columns: FloatArray, begin: FloatArray) -> FloatArray:
+    """Return the columns less what of each goes with a stretch's beginning: nobody knows how the boat turned before."""
+    return columns - np.outer(begin, begin @ columns) / float(begin @ begin)
 
 
 def _low_pass(values: FloatArray, dt: float, tau: float) -> FloatArray:

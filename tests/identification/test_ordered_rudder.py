@@ -73,6 +73,27 @@ def test_a_rudder_that_is_merely_late_is_not_called_slow(late: float, lag: float
     assert slower_rudder([ordered(20.0, late, lag, noise_deg)], FILED) is None
 
 
+@pytest.mark.parametrize("rate_deg_s", [2.3, 10.0])
+def test_the_rate_shows_in_stretches_that_begin_in_turns(rate_deg_s: float) -> None:
+    """Nobody knows how the boat turned before a gap ended: taken to turn as its rudder stood, it showed no rate."""
+    run = ordered(rate_deg_s, noise_deg=0.2, seed=2026112961)
+    whole = run.segments[0]
+    kept = [(whole.time >= first) & (whole.time < last) for first, last in ((0.0, 38.0), (42.0, 75.0), (76.5, 120.0))]
+    segments = tuple(Segment(*(each[rows] if each.size else each for each in whole)) for rows in kept)
+    found = slower_rudder([run._replace(segments=segments)], FILED)
+    assert found is not None
+    off = abs(math.degrees(found.rate) - rate_deg_s)
+    assert off < 3.0 * math.degrees(found.standard_error) and off < 0.2 * rate_deg_s
+
+
+@pytest.mark.parametrize("late", [0.05, 0.15, 0.25, 0.3])
+def test_a_lateness_between_those_tried_is_no_part_of_the_rate(late: float) -> None:
+    found = slower_rudder([ordered(5.0, late, noise_deg=0.1, seed=2026112962)], FILED)
+    assert found is not None
+    assert abs(math.degrees(found.rate) - 5.0) < max(0.05 * 5.0, 3.0 * math.degrees(found.standard_error))
+    assert abs(math.degrees(found.rate) - 5.0) < 0.5
+
+
 def test_the_rudder_of_a_run_goes_no_faster_than_found_and_comes_where_it_was_ordered() -> None:
     run = ordered(5.0)
     found = slower_rudder([run], FILED)
