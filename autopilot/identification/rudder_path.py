@@ -320,6 +320,20 @@ def small_swings(segments: Sequence[Segment]) -> float:
     return small / whole if whole > 0.0 else 0.0
 
 
+def jumps_share(segments: Sequence[Segment]) -> float:
+    """Return the share of the rudder's travel that it makes from one sample to the next between two angles at which it
+    stands: all of it in orders, which no steering gear follows at once; 0 of fewer than FEWEST_MOVEMENTS such jumps."""
+    jumped, travel, count = 0.0, 0.0, 0
+    for segment in segments:
+        moved = np.abs(np.diff(segment.rudder))
+        stands = np.concatenate([[True], moved == 0.0, [True]])
+        jumps = (moved > SMALLEST_TRAVEL) & stands[:-2] & stands[2:]
+        count += int(np.count_nonzero(jumps))
+        jumped += float(moved[jumps].sum())
+        travel += float(moved.sum())
+    return jumped / travel if count >= FEWEST_MOVEMENTS else 0.0
+
+
 SMALL_SWING = 0.4
 """Share of the largest swing below which one is small: of zigzags with 10 and 20 deg in one record none is."""
 

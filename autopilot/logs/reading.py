@@ -20,6 +20,7 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.files.outside import alike, as_utf8, read_regular, utf8_blocks
+from autopilot.identification.rudder_path import jumps_share
 from autopilot.identification.runs import Run, gap_limit, run_from_columns, seconds
 from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2
 from autopilot.logs.merge import merged, sources_of
@@ -370,7 +371,7 @@ def load_run(
     if as_it_is is not None:
         columns, notes = as_it_is(text, reading)
         run = run_from_columns(text, _turned(columns, reverse_rudder))
-        return in_time(run._replace(notes=(*notes, *run.notes)))
+        return in_time(_if_ordered(run._replace(notes=(*notes, *run.notes)), options.rudder))
     recording = load_recording(text, reading)
     table = _table(text, recording, options.rudder)
     notes = recording.notes
@@ -381,8 +382,24 @@ def load_run(
     known = throttle is not None and bool(np.any(np.isfinite(throttle)))
     mean = float(np.nanmean(throttle)) if throttle is not None and known else math.nan
     orders = None if reverse_rudder else orders_of(recording)
-    run = run._replace(notes=(*notes, *run.notes), rudder=table.rudder, orders=orders)
+    run = _if_ordered(run._replace(notes=(*notes, *run.notes), rudder=table.rudder, orders=orders), options.rudder)
     return in_time(run._replace(vessel=recording.vessel, late=recording.late, throttle=mean))
+
+
+def _if_ordered(run: Run, rudder: RudderSettings) -> Run:
+    """Return the run with its rudder as one that was ordered where it moves as orders do and nobody says otherwise."""
+    if run.rudder != "measured" or rudder.choice == "measured" or run.orders is not None:
+        return run
+    if jumps_share(run.segments) < MOSTLY_JUMPS:
+        return run
+    said = (
+        f"{run.source}: the rudder jumps from angle to angle and stands between, as orders do and no steering gear: it "
+        "is taken for what was ordered; --rudder measured says that a sensor showed it."
+    )
+    return run._replace(rudder="ordered", notes=(*run.notes, said))
+
+
+MOSTLY_JUMPS = 0.9
 
 
 def _turned(columns: Mapping[str, FloatArray], reverse_rudder: bool) -> Mapping[str, FloatArray]:

@@ -455,7 +455,7 @@ def space_in_waves() -> Space:
 
 
 def test_a_boat_that_changed_places_with_its_rudders_lag_is_found() -> None:
-    """Two lags in a row answer a rudder alike in either order; waves not told yet lead a search to either."""
+    """Two lags in a row answer a rudder alike in either order; a sea not yet known leads a search to either."""
     plant, sea = PLANT["K 0.43, T 3.5"], SEA["gusts and waves"]
     run = runs_of(plant, sea, 2026112963)[0]
     truth = Rates(plant.a, plant.b, plant.d, plant.e)

@@ -21,9 +21,9 @@ from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
 from autopilot.identification.runs import run_from_columns
 from autopilot.logs.csv_log import COLUMNS, STEADY_TURN_NEEDS, load_column_map, read_csv
-from autopilot.logs.reading import info_of, load_run, read_recording
+from autopilot.logs.reading import LogOptions, info_of, load_run, read_recording
 from autopilot.logs.series import FARTHEST_S, PAUSE_S, clock_of, duration
-from autopilot.logs.table import RudderSettings
+from autopilot.logs.table import RudderChoice, RudderSettings
 
 HEADER = "time_s,heading_deg,yaw_rate_deg_s,rudder_deg,speed_kn"
 GOOD = "\n".join([HEADER, *(f"{0.1 * i:.1f},350,1.5,-10,9" for i in range(20))]) + "\n"
@@ -382,3 +382,28 @@ def test_columns_that_never_overlap_are_refused() -> None:
         run_from_columns("halves", table)
     with pytest.raises(InputError, match="no row has a time"):
         run_from_columns("timeless", {**table, "time_s": np.full(table["time_s"].size, np.nan)})
+
+
+@pytest.mark.parametrize(
+    ("kind", "choice", "origin"),
+    [
+        ("order", "auto", "ordered"),
+        ("order", "measured", "measured"),
+        ("angle", "auto", "measured"),
+        ("quick angle", "auto", "measured"),
+    ],
+)
+def test_a_rudder_that_jumps_and_stands_is_taken_for_ordered(
+    tmp_path: Path, kind: str, choice: RudderChoice, origin: str
+) -> None:
+    """A sensor shows the rudder on its way, or its own noise."""
+    boat, noise = zigzag_boat(seconds=60.0), np.random.default_rng(2026112964)
+    rudder = {"order": boat.order, "angle": boat.rudder, "quick angle": boat.order}[kind]
+    if kind != "order":
+        rudder = rudder + math.radians(0.1) * noise.standard_normal(rudder.size)
+    table = np.stack([boat.time, rudder, boat.heading, boat.speed], axis=1)[::5]
+    path = tmp_path / "zigzag.csv"
+    np.savetxt(path, table, delimiter=",", header="time_s,rudder_rad,heading_rad,speed_m_s", comments="")
+    run = load_run(str(path), None, False, LogOptions(rudder=RudderSettings(choice)))
+    assert run.rudder == origin
+    assert any("as orders do" in note for note in run.notes) == (origin == "ordered")
