@@ -27,6 +27,7 @@ from autopilot.estimation.estimator import (
     is_rudder,
     nav_state,
     with_bias,
+    with_command,
     with_order,
     without_bias,
     without_disturbances,
@@ -39,7 +40,6 @@ from autopilot.estimation.rudder_observer import (
     begun_at,
     is_fed_back,
     rudder_rate_step,
-    write_command,
 )
 from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
 from autopilot.guidance.turn import is_turning
@@ -190,7 +190,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         estimate = with_bias(estimate, standing.bias)
     seen, is_measured = nav_state(steering.estimator, estimate, now), is_fed_back(estimate.rudder, now)
     view = view_of(config, state, control.damps_roll, estimate, seen, is_measured)
-    is_new_path = is_other_path(state.estimate.path, estimate.path)
+    path, before = estimate.path, state.estimate.path
+    is_new_path = path is not before and is_other_path(before, path)
     monitors = by_other_path(monitors) if is_new_path else monitors
     monitors, thrusters, found = monitored(config, state, monitors, estimate, view, dt)
 
@@ -242,16 +243,15 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         look = bow_look(reference, seen, estimate.ahead, law) if on_course else None
         bow, command = with_bow(boat.thruster, bow, (gap, seen), samples, look, command)
     is_ours = command.engaged and boat.rudder_is_ours
-    estimate = with_order(estimate, now, command.angle) if is_ours else estimate
+    memory = supervisor.memory
+    steers_on = boat.rudder_is_ours and memory.state in ENGAGED
+    estimate = with_command(estimate, now, command.angle, is_ours, steers_on)
     if is_ours and not is_measured:
         known = begun_at(present.rudder) if is_new_path else state.rudder.rate
         estimate, way, rate = with_gear_found(config.steering, (estimate, way), known, moved, present, found)
     else:
         rate = begun_at(present.rudder)
 
-    memory = supervisor.memory
-    steers_on = boat.rudder_is_ours and memory.state in ENGAGED
-    write_command(estimate.rudder, estimate.memory, command.angle if steers_on else math.nan)
     panel, alarms, siren, states = update_panel(state.panel, memory, now, samples, order, found)
     number, helm, given = state.number + 1, memory.state, Rudder(command, rest, reckons, rate)
     tick = Tick(number, now, samples, order, seen, reference, demand, command, MODES[helm], alarms, helm, siren, states)

@@ -250,6 +250,16 @@ def with_order(state: EstimatorState, now: float, angle: float) -> EstimatorStat
     return EstimatorState(state.model, ordered(state.rudder, state.memory, now, angle), *state[2:])
 
 
+def with_command(state: EstimatorState, now: float, angle: float, is_ordered: bool, steers: bool) -> EstimatorState:
+    """Return the state after a tick at `now` [s] that commanded a rudder `angle` [rad] until the next: whether it was
+    ordered of the steering gear, and whether we steer by it, or somebody else does."""
+    commands, rudder = state.memory.commands, state.rudder
+    commands[rudder.ticks & (len(commands) - 1)] = angle if steers else math.nan
+    if not is_ordered:
+        return state
+    return EstimatorState(state.model, ordered(rudder, state.memory, now, angle), *state[2:])
+
+
 def estimated(
     config: EstimatorConfig, state: EstimatorState, now: float, samples: tuple[Sample, ...]
 ) -> EstimatorState:

@@ -197,11 +197,6 @@ def ordered(observer: RudderObserver, memory: RudderMemory, now: float, order: f
     return RudderObserver(modelled, ticks, given + 1, passed, effective, fed_back_at, fed_back)
 
 
-def write_command(observer: RudderObserver, memory: RudderMemory, command: float) -> None:
-    """Write down what is commanded [rad] until the next tick, nan where somebody else steers."""
-    memory.commands[observer.ticks & (len(memory.commands) - 1)] = command
-
-
 def all_effective(observer: RudderObserver, memory: RudderMemory) -> RudderObserver:
     """Return the observer with every order that was on its way in effect."""
     if observer.passed == observer.given:

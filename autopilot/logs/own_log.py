@@ -14,8 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.control.registry import TRIAL_LAW
 from autopilot.errors import InputError
-from autopilot.estimation.estimator import estimated, first_state
-from autopilot.estimation.rudder_observer import write_command
+from autopilot.estimation.estimator import estimated, first_state, with_command
 from autopilot.links.mavlink.frames import MAGIC_V2, source_of
 from autopilot.logs.series import (
     HEADING,
@@ -193,5 +192,5 @@ def path_in(path: str, log: Log) -> LoggedPath:
     for tick in log.ticks:
         shown = tuple(sample for sample in tick.samples if isinstance(sample, RudderSample) and sample.time <= tick.now)
         state = estimated(config, state, tick.now, shown)
-        write_command(state.rudder, state.memory, tick.command.angle if tick.command.engaged else math.nan)
+        with_command(state, tick.now, tick.command.angle, False, tick.command.engaged)
     return LoggedPath(state.path.delay, config.loop_delay)
