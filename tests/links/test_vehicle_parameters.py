@@ -221,3 +221,41 @@ def test_a_change_is_counted_and_what_is_no_change_is_not() -> None:
     assert parameters.revision > before, "what is unanswered may have changed"
     assert not parameters.take("RC17_MIN", 1.0) and not parameters.take("SERVO17_FUNCTION", 26.0)
     assert parameters.take("RC16_MIN", 1.0) and parameters.take("SERVO16_FUNCTION", 25.0)
+
+
+def in_use() -> VehicleParameters:
+    """Return a vehicle's of which everything has come."""
+    parameters = known(MAV_GCS_SYSID=255.0, RCMAP_ROLL=1.0, SERVO2_FUNCTION=26.0)
+    for name in parameters.missing:
+        if name != "SYSID_MYGCS":
+            parameters.take(name, 0.0 if name.endswith("_FUNCTION") else 1.0)
+    assert not parameters.to_ask
+    return parameters
+
+
+STEERED_BY = {
+    *("MAV_GCS_SYSID", "RCMAP_ROLL", "MANUAL_STR_EXPO", "RC_OVERRIDE_TIME"),
+    *("RC_OPTIONS", "PILOT_STEER_TYPE", "MANUAL_OPTIONS"),
+    *(f"RC1_{suffix}" for suffix in ("MIN", "TRIM", "MAX", "DZ", "REVERSED")),
+    *(f"SERVO2_{suffix}" for suffix in ("MIN", "TRIM", "MAX", "REVERSED", "FUNCTION")),
+}
+
+
+def test_once_all_has_come_each_parameter_in_use_is_asked_for_again_in_turn() -> None:
+    parameters, asked = in_use(), []
+    for step in range(round(3.0 * len(STEERED_BY) * 20)):
+        asked += parameters.again(0.05 * step)
+    assert sorted(asked) == sorted(STEERED_BY)
+
+
+def test_doubt_has_all_in_use_asked_for_in_bursts_and_not_again_for_ten_seconds() -> None:
+    parameters = in_use()
+    parameters.again(0.0)
+    parameters.doubt(1.0)
+    first, pause, second = parameters.again(1.0), parameters.again(1.05), parameters.again(1.1)
+    assert (len(first), pause, len(second)) == (8, [], 8)
+    assert len({*first, *second, *parameters.again(1.25)}) == len(STEERED_BY)
+    parameters.doubt(11.0)
+    assert len(parameters.again(11.0)) == 1, "its turn"
+    parameters.doubt(11.05)
+    assert len(parameters.again(11.1)) == 8

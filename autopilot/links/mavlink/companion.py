@@ -488,7 +488,7 @@ class CompanionSession:
         is_doubtful = authority.steering and authority.echo.is_doubtful
         is_deaf = is_doubtful or bool(authority.disobeyed) or self._probe.stage is Stage.NOT_TAKEN
         if is_deaf and not self._is_deaf:
-            reader.parameters.doubt()
+            reader.parameters.doubt(now)
         self._is_deaf = is_deaf
         # once we steer, the age of each heading decides
         waits = "" if authority.steering else reader.streams.waiting or self._other.waiting(now)

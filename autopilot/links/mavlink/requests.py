@@ -224,6 +224,7 @@ class MessageStreams:
 
 AGAIN_S = 3.0
 """One of the parameters in use is asked for again so often: word of a change by another station may be lost."""
+DOUBT_AGAIN_S = 10.0
 RETRY_S = 0.5
 BURST = 8
 """Requests sent at once, so that a slow telemetry radio is not flooded."""
@@ -335,7 +336,8 @@ class VehicleParameters:
         self.to_ask: list[str] = []
         """Names that have not come yet, and may still."""
         self._next_burst = self._next_again = -math.inf
-        self._again, self._is_doubted = 0, False
+        self._again, self._doubted_at = 0, -math.inf
+        self._doubted: list[str] = []
         self._changed()
 
     def take(self, name: str, value: float) -> bool:
@@ -397,17 +399,23 @@ class VehicleParameters:
         return names
 
     def again(self, now: float) -> list[str]:
-        """Return what to ask for once more at `now` [s], once all has come: a name in use now and then, or all of them
-        behind `doubt`."""
-        if self.to_ask or not self._in_use or (now < self._next_again and not self._is_doubted):
+        """Return what to ask for once more at `now` [s], once all has come: a name in use now and then, or behind
+        `doubt` all of them, a burst at a time."""
+        if self.to_ask or not self._in_use or now < self._next_again:
             return []
-        names, is_all = self._in_use, self._is_doubted
-        self._next_again, self._again, self._is_doubted = now + AGAIN_S, (self._again + 1) % len(names), False
-        return names if is_all else [names[self._again]]
+        if self._doubted:
+            names, self._doubted = self._doubted[:BURST], self._doubted[BURST:]
+        else:
+            self._again = (self._again + 1) % len(self._in_use)
+            names = [self._in_use[self._again]]
+        self._next_again = now + (BURST_S if self._doubted else AGAIN_S)
+        return names
 
-    def doubt(self) -> None:
-        """Have all that is in use asked for once more: our orders do not do what they should."""
-        self._is_doubted = True
+    def doubt(self, now: float) -> None:
+        """Have all that is in use asked for once more: our orders do not do what they should. A slow line makes that
+        seem so again and again, and is not to be filled by it."""
+        if now - self._doubted_at > DOUBT_AGAIN_S:
+            self._doubted, self._doubted_at, self._next_again = self._in_use, now, -math.inf
 
     @property
     def gcs_impossible(self) -> bool:
