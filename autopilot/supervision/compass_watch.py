@@ -34,9 +34,13 @@ from autopilot.supervision.tuning import (
     APART_TIME,
     DISAGREES_LASTS,
     DISAGREES_SAID,
+    FINE_SAME,
     FROZEN_BY_RATE,
     FROZEN_RATES,
+    FROZEN_REPEATED,
+    FROZEN_SAMPLES,
     HEADINGS_APART_S,
+    HELD_SIGMAS,
     INNOVATION_TIME,
     JUMP_SAID,
     NEWS,
@@ -44,6 +48,7 @@ from autopilot.supervision.tuning import (
     RATE_OFF,
     RATE_RIGHT,
     SENSE_LEAST,
+    TREMBLES_SAME,
     WILD_RATES,
 )
 
@@ -54,26 +59,71 @@ STANDS_STILL = "the rate stands still"
 class Still(NamedTuple):
     """A rate that is the same to the last digit: turn [rad]: how much further the heading went meanwhile, of late;
     since [s]: when that became too much, nan: it is not, and the `rates` that have said the same since; is_dead: until
-    it moves."""
+    it moves. mean [rad]: of the turn, over FROZEN_REPEATED, and first: what it was at the end of the first such time.
+    rate [rad/s]: the newest of a `source`; alike: how many say the same, and begun [s]: the first of them. heard: how
+    many rates there were, of which `same` were the same as the one before, while it worked; digit [rad/s]: the least
+    step between two."""
 
     rates: int = 0
     turn: float = 0.0
     since: float = math.nan
     is_dead: bool = False
+    mean: float = 0.0
+    first: float = 0.0
+    rate: float = math.nan
+    source: str = ""
+    alike: int = 0
+    begun: float = math.nan
+    heard: int = 0
+    same: int = 0
+    digit: float = math.inf
 
 
-MOVES = Still()
+def is_strange(still: Still) -> bool:
+    """Return whether a rate has never stood so long.
+
+    A sensor of whose rates no more than a share FINE_SAME were the same as the one before says the same FROZEN_RATES
+    times with a probability of FINE_SAME^3 = 8e-6, one of TREMBLES_SAME FROZEN_SAMPLES times with 0.2^9 = 5e-7.
+    """
+    share = still.same + 1.0
+    is_fine = still.alike >= FROZEN_RATES and share <= FINE_SAME * still.heard
+    return is_fine or (still.alike >= FROZEN_SAMPLES and share <= TREMBLES_SAME * still.heard)
 
 
-def still_step(still: Still, time: float, turn: float, step: float) -> Still:
+def is_turned(still: Still, step: float, usual: float) -> bool:
+    """Return whether the heading, every `step` [s], shows a turn that a rate which stands does not: more than a rate
+    that is right may be off, what rates within a digit add up to over APART_TIME, and HELD_SIGMAS of noise.
+
+    That is what usually lies between heading and rate, `usual` [rad]. The mean over FROZEN_REPEATED has the share
+    s/(2 - s) of white noise's variance, s = 1 - exp(-step/FROZEN_REPEATED), and what lies between two such means twice
+    that.
+    """
+    share = -math.expm1(-step / FROZEN_REPEATED)
+    least, noise = RATE_RIGHT * APART_TIME, HELD_SIGMAS * usual
+    unseen = still.digit * APART_TIME
+    of_means = noise * math.sqrt(2.0 * share / (2.0 - share)) + unseen
+    return abs(still.turn) > max(noise + unseen, least) or abs(still.mean - still.first) > max(of_means, least)
+
+
+def still_step(still: Still, time: float, turn: float, step: float, usual: float) -> Still:
     """Return what is known at `time` [s] of a rate that stands, the heading having turned by `turn` [rad] more than it
-    says in a `step` [s]."""
-    rates, before, since, is_dead = still
-    turn += before * math.exp(-step / APART_TIME)
+    says in a `step` [s]; usual [rad]: a root mean square of what lies between the two, inf: it is not known.
+
+    For FROZEN_REPEATED what is the same may be one that is sent again.
+    """
+    fades = math.exp(-step / APART_TIME)
+    turn += still.turn * fades
+    mean = still.mean * fades
+    mean -= math.expm1(-step / FROZEN_REPEATED) * (turn - mean)
+    is_first = time - still.begun < FROZEN_REPEATED
+    still = still._replace(turn=turn, mean=mean, first=mean if is_first else still.first * fades)
+    if not is_first and is_strange(still) and is_turned(still, step, usual):
+        return still._replace(is_dead=True)
     if abs(turn) <= FROZEN_BY_RATE:
-        return Still(0, turn, math.nan, is_dead)
-    since = time if math.isnan(since) else since
-    return Still(rates, turn, since, is_dead or (rates >= FROZEN_RATES and time - since >= DISAGREES_LASTS))
+        return still._replace(rates=0, since=math.nan)
+    since = time if math.isnan(still.since) else still.since
+    is_dead = still.is_dead or (still.rates >= FROZEN_RATES and time - since >= DISAGREES_LASTS)
+    return still._replace(since=since, is_dead=is_dead)
 
 
 class Consistency(NamedTuple):
@@ -81,7 +131,8 @@ class Consistency(NamedTuple):
     do not; seen [s]: when that was found last; reported [rad]: how far apart they were when it was said; found: what is
     said, '' where they go together; is_refused: whether it is the rate that is wrong: they turn opposite ways, it
     stands still, or no boat like this turns so; wild [s]: when rates came of late that are beyond what a boat like this
-    turns by; still: what is known of a rate that stands; held: of headings that jumped, and the boat did not turn."""
+    turns by; still: what is known of a rate that stands, and aside: of an instrument's of its own beside a heading that
+    has one; held: of headings that jumped, and the boat did not turn."""
 
     heading: HeadingSample | None = None
     rate: RateSample | None = None
@@ -92,8 +143,9 @@ class Consistency(NamedTuple):
     found: str = ""
     is_refused: bool = False
     wild: tuple[float, ...] = ()
-    still: Still = MOVES
+    still: Still = Still()
     held: Held = NOT_HELD
+    aside: Still = Still()
 
 
 def carried_on(
@@ -154,15 +206,8 @@ def consistency_step(
     if rate is not None and not -rate_most <= rate <= rate_most:
         wild = (*wild, time)[-WILD_RATES:]
     if isinstance(sample, RateSample):
-        # that of the heading's own instrument goes before
-        is_used = last is None or last.rate is None
-        still = _repeated(before.still, rate, beside) if is_used else before.still
-        if is_used and beside is not None:
-            unseen = (sample.rate - beside.rate) * max(time - beside.time, 0.0)
-            held, turns = turn_shown(before.held, before.turns, unseen)
-            before = before._replace(held=held, turns=turns)
-        return before._replace(rate=sample, wild=wild if is_used else before.wild, still=still)
-    still = before.still if rate is None else _repeated(before.still, rate, last)
+        return _with_rate(before, sample, wild)
+    still = before.still if rate is None else _repeated(before.still, sample)
     is_same = last is not None and last.source == sample.source
     if is_same and time < last.time:  # type: ignore[union-attr]
         return before
@@ -185,7 +230,10 @@ def consistency_step(
         return before._replace(heading=sample, turns=turns, wild=wild)
     # where the compass stands as well nobody can tell which of the two is dead, nor by what no boat like this turns
     by, most_turn = turn - rate * step, rate_most * step if step > 0.0 else math.inf
-    before = before._replace(still=still_step(still, time, clip(by, -most_turn, most_turn), step) if turn else still)
+    if turn:
+        usual = math.sqrt(held.usual) if held.known >= APART_TIME else math.inf
+        still = still_step(still, time, clip(by, -most_turn, most_turn), step, usual)
+    before = before._replace(still=still)
     if before.still.is_dead:
         found = before.found if before.is_refused else STANDS_STILL
         after = before._replace(
@@ -199,9 +247,30 @@ def consistency_step(
     return after
 
 
-def _repeated(still: Still, rate: float | None, last: HeadingSample | RateSample | None) -> Still:
-    """Take a rate [rad/s] that comes behind the `last`."""
-    return still._replace(rates=still.rates + 1) if last is not None and rate == last.rate else MOVES
+def _with_rate(before: Consistency, sample: RateSample, wild: tuple[float, ...]) -> Consistency:
+    """Take a rate of an instrument of its own; that of the heading's own goes before. wild: the times with its."""
+    last, beside = before.heading, before.rate
+    if last is not None and last.rate is not None:
+        return before._replace(rate=sample, aside=_repeated(before.aside, sample))
+    still = _repeated(before.still if before.still.source == sample.source else before.aside, sample)
+    held, turns = before.held, before.turns
+    if beside is not None:
+        held, turns = turn_shown(held, turns, (sample.rate - beside.rate) * max(sample.time - beside.time, 0.0))
+    return before._replace(rate=sample, turns=turns, wild=wild, still=still, held=held)
+
+
+def _repeated(still: Still, sample: HeadingSample | RateSample) -> Still:
+    """Take the next rate."""
+    rate: float = sample.rate  # type: ignore[assignment]
+    if sample.source != still.source or math.isnan(still.rate):
+        return Still(rate=rate, source=sample.source, alike=1, begun=sample.time)
+    if rate == still.rate:
+        return still._replace(rates=still.rates + 1, alike=still.alike + 1)
+    # what a dead one repeated was none of its ways
+    more = 0 if still.is_dead else still.alike - 1
+    digit, heard, same = min(still.digit, abs(rate - still.rate)), still.heard + 1 + more, still.same + more
+    fresh = Still(rate=rate, source=sample.source, alike=1, begun=sample.time)
+    return fresh._replace(heard=heard, same=same, digit=digit)
 
 
 def is_no_turn(turns: Turns, rate: float, most: float) -> bool:
@@ -220,7 +289,7 @@ def _judged(
     most: float,
     is_wild: bool,
 ) -> Consistency:
-    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _, still, held) = news, before
+    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _, still, held, _) = news, before
     time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)
     if wild and time - wild[0] > APART_TIME:
         wild = wild[1:]
@@ -249,7 +318,8 @@ def _judged(
         seen = time
         if not found or (apart - reported > NEWS and found != OPPOSITE_WAYS):
             found, reported = f"{math.degrees(apart):.0f} deg apart", apart
-    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild, still, held)
+    after = Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild, still, held)
+    return after._replace(aside=before.aside)
 
 
 class State(NamedTuple):

@@ -197,6 +197,88 @@ def test_a_rate_that_stands_still_while_the_heading_turns_on_is_refused_until_it
     assert not refused[89.0]
 
 
+def stood(
+    stands_s: float,
+    turn_deg_s: float,
+    *,
+    period: float = DT,
+    noise_deg: float = 0.3,
+    rate_noise_deg_s: float = 0.2,
+    digit_deg_s: float = 0.0,
+    own: bool = True,
+    held: bool = True,
+    seed: int = 20261129,
+) -> float:
+    """After how long [s] a rate is refused that worked for 60 s in a swell, and then repeats its last one, or 0 where
+    it is not `held`, while the boat turns; nan: never. own: by the instrument of the headings."""
+    random, known, most, rate_most = np.random.default_rng(seed), Consistency(), math.radians(15.0), math.radians(20.0)
+    heading, shown = 0.0, 0.0
+    for k in range(round((60.0 + stands_s) / period)):
+        now = k * period
+        rate = turn_deg_s if now >= 60.0 else math.sin(now)
+        heading += rate * period
+        if now < 60.0:
+            shown = rate + rate_noise_deg_s * float(random.standard_normal())
+            shown = digit_deg_s * round(shown / digit_deg_s) if digit_deg_s else shown
+        elif not held:
+            shown = 0.0
+        at = math.remainder(math.radians(heading + noise_deg * float(random.standard_normal())), math.tau)
+        if not own:
+            known = consistency_step(known, RateSample(now, math.radians(shown), "gyro"), most, rate_most)
+        sample = HeadingSample(now, at, math.radians(shown) if own else None, "compass")
+        known = consistency_step(known, sample, most, rate_most, math.radians(25.0))
+        if known.is_refused:
+            assert known.found == "the rate stands still"
+            return now - 60.0
+    return math.nan
+
+
+@pytest.mark.parametrize("own", [True, False])
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize(("period", "within"), [(0.1, 1.6), (0.2, 1.8), (0.5, 2.5)])
+def test_a_rate_that_never_stood_is_refused_by_a_small_turn(
+    own: bool, held: bool, period: float, within: float
+) -> None:
+    """By 2.5 deg and its noise, not by 5 deg that last for a second; no sooner than what is sent again, 1.2 s."""
+    assert 1.19 - period <= stood(10.0, 4.0, period=period, own=own, held=held) <= within
+
+
+@pytest.mark.parametrize("noise_deg", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("digit_deg_s", [0.1, 0.5])
+def test_a_gyro_that_comes_to_rest_within_a_digit_is_believed(noise_deg: float, digit_deg_s: float) -> None:
+    """Its habits are those of a swell and a running engine; the boat may turn by half a digit and nobody sees it."""
+    for seed in range(5):
+        turn = 0.45 * digit_deg_s
+        refused = stood(120.0, turn, noise_deg=noise_deg, digit_deg_s=digit_deg_s, held=False, seed=seed)
+        assert math.isnan(refused), (seed, refused)
+
+
+def test_a_rate_sensor_s_habits_are_known_before_it_is_steered_by() -> None:
+    """A compass with a gyro of its own steers; then it falls silent, and the other gyro has long stood."""
+    random, known, most, rate_most = np.random.default_rng(20261129), Consistency(), math.radians(15.0), 1.0
+    heading, refused = 0.0, math.nan
+    for k in range(800):
+        now = k * DT
+        rate = math.sin(now) if now < 65.0 else 4.0
+        heading += rate * DT
+        noise = random.standard_normal(3)
+        beside = math.radians(rate + 0.2 * noise[0]) if now < 60.0 else 0.01
+        known = consistency_step(known, RateSample(now, beside, "gyro"), most, rate_most)
+        at = math.remainder(math.radians(heading + 0.3 * noise[1]), math.tau)
+        own = math.radians(rate + 0.2 * noise[2])
+        if now < 64.95:
+            sample = HeadingSample(now, at, own, "first")
+        else:
+            if sample.source == "first":
+                known, _ = handed_over(known)
+            sample = HeadingSample(now, at, None, "second")
+        known = consistency_step(known, sample, most, rate_most, math.radians(25.0))
+        if known.is_refused:
+            refused = now - 65.0
+            break
+    assert refused <= 1.2
+
+
 @pytest.mark.parametrize("digit_deg_s", [0.1, 0.5])
 @pytest.mark.parametrize("noise_deg", [0.3, 1.0])
 @pytest.mark.parametrize("yaw_deg_s", [0.0, 0.2, 3.0])
