@@ -32,6 +32,7 @@ from autopilot.estimation.estimator import (
     without_bias,
     without_disturbances,
 )
+from autopilot.estimation.fusion import bias_unknown
 from autopilot.estimation.instruments import speeds_apart
 from autopilot.estimation.path_delay import PathDelay, is_other_path, when_heard
 from autopilot.estimation.rudder_observer import (
@@ -476,7 +477,9 @@ def view_of(
     is_engaged, on_heading = state.supervisor.state in ENGAGED, order.kind is OrderKind.HEADING
     gyro, known = estimate.fusion.gyro, estimate.fusion.state
     ours, speeds, ahead = is_engaged and boat.rudder_is_ours, estimate.speeds, estimate.ahead
-    both, is_known = speeds.water.value + speeds.ground.value, gyro.p11 < RATE_OFF_KNOWN
+    both, noise = speeds.water.value + speeds.ground.value, config.steering.estimator.noises.usual.heading
+    unknown = bias_unknown(gyro, max(estimate.fusion.headings[0], noise))
+    is_known = unknown < RATE_OFF_KNOWN
     return MonitorInput(
         now,
         estimate.model,
@@ -503,7 +506,7 @@ def view_of(
         ahead if boat.law.is_rudder and 0.0 < ahead < 1.0 else 1.0,
         known.sea.watched,
         known.p00 + 2.0 * known.p03 + known.p33,
-        gyro.p11 if is_known else math.inf,
+        unknown if is_known else math.inf,
     )
 
 

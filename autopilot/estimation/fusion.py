@@ -65,13 +65,35 @@ from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
 from autopilot.supervision.tuning import TURN_GAINED
 
+White = tuple[float, float, float, float]
+"""The headings' own noise, whatever g is: how far [rad] the newest was from psi, and by how much more than the one
+before it, nan where none came shortly before; the variance [rad^2], and of how many changes of that."""
+NO_WHITE: White = (math.nan, math.nan, 0.0, 0.0)
+
+
+def white_step(before: White, off: float, gap: float, supposed: float) -> White:
+    """Return what is known of the noise after a heading that is `off` [rad], a `gap` [s] after the one before.
+
+    A sixth of the mean square of second differences, of all there are at first, and of one of which nothing is known:
+    that may be NOISE_MOST times as noisy as is `supposed` [rad^2].
+    """
+    last, change, known, count = before
+    more = off - last
+    if change != change:
+        return off, more, known, count
+    known = known if count > 0.0 else NOISE_MOST * NOISE_MOST * supposed
+    count += 1.0
+    of_late, share = -math.expm1(-gap / NOISE_MEMORY), 1.0 / (count + 1.0)
+    share = of_late if of_late > share else share
+    return off, more, known + share * ((more - change) * (more - change) / 6.0 - known), count
+
 
 class RateBias(NamedTuple):
     """What is known of g at `time` [s], the newest heading having come at `seen` [s].
 
     heading [rad]: psi, nan before the first; rate [rad/s]: the newest w, nan where there is no rate sensor, of the time
     `rated` [s]; bias [rad/s]: g; p00 [rad^2], p01, p11 [(rad/s)^2]: the covariance of both; apart [rad]: how far the
-    compass is from psi on the average of late; turning [rad/s]: how fast the boat turned of late.
+    compass is from psi on the average of late; turning [rad/s]: how fast the boat turned of late; white: see `White`.
     """
 
     time: float
@@ -85,6 +107,7 @@ class RateBias(NamedTuple):
     turning: float
     seen: float
     rated: float
+    white: White = NO_WHITE
 
 
 NO_RATE_BIAS = RateBias(-math.inf, math.nan, math.nan, 0.0, 0.0, 0.0, RATE_BIAS_UNKNOWN, 0.0, 0.0, -math.inf, -math.inf)
@@ -97,7 +120,7 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     noise: the variances of a heading [rad^2] and of a rate [(rad/s)^2].
     """
     (time, heading, rate), (of_heading, of_rate) = measured, noise
-    last, psi, held, bias, p00, p01, p11, apart, turning, seen, rated = before
+    last, psi, held, bias, p00, p01, p11, apart, turning, seen, rated, white = before
     is_rate, is_held = rate == rate, time - rated <= RATE_HELD  # what is no number is not itself
     if not (is_held or is_rate):
         # headings alone say nothing of a gyro that is silent, or refused
@@ -106,7 +129,8 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     rate, rated = (rate, time) if is_rate else (held, rated)
     if not is_held or dt < 0.0 or psi != psi:
         # g outlasts a gap, and is known as well as before it
-        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time, rated)
+        white = math.nan, math.nan, white[2], white[3]
+        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time, rated, white)
     mean = 0.5 * (held + rate)
     psi += dt * (mean - bias)
     turned = mean - bias if mean > bias else bias - mean
@@ -118,20 +142,31 @@ def rate_bias_step(before: RateBias, measured: tuple[float, float, float], noise
     p11 += RATE_BIAS_CHANGE * dt
     if heading != heading:
         psi = psi if -PI < psi <= PI else wrap(psi)
-        return RateBias(time, psi, rate, bias, p00, p01, p11, apart, turning, seen, rated)
+        return RateBias(time, psi, rate, bias, p00, p01, p11, apart, turning, seen, rated, white)
     off = heading - psi
     off = off if -PI < off <= PI else wrap(off)
+    white = white_step(white, off, time - seen, of_heading)
     lag = RATE_COMPASS_LAG * turning
     apart -= math.expm1(-(time - seen) / RATE_MEAN_TIME) * (off - apart)
     if apart * apart > RATE_BIAS_APART + of_heading + 4.0 * lag * lag:
         p11 = p11 if p11 > RATE_BIAS_UNKNOWN else RATE_BIAS_UNKNOWN
-        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time, rated)
+        white = math.nan, math.nan, white[2], white[3]
+        return RateBias(time, heading, rate, bias, of_heading, 0.0, p11, 0.0, turning, time, rated, white)
     total = p00 + of_heading + lag * lag
     k0, k1 = p00 / total, p01 / total
     psi += k0 * off
     psi = psi if -PI < psi <= PI else wrap(psi)
     bias += k1 * off
-    return RateBias(time, psi, rate, bias, p00 - k0 * p00, p01 - k0 * p01, p11 - k1 * p01, apart, turning, time, rated)
+    p00, p01, p11 = p00 - k0 * p00, p01 - k0 * p01, p11 - k1 * p01
+    return RateBias(time, psi, rate, bias, p00, p01, p11, apart, turning, time, rated, white)
+
+
+def bias_unknown(gyro: RateBias, supposed: float) -> float:
+    """Return the variance [(rad/s)^2] of the standing error as it is known: the covariance is that of headings whose
+    variance is the `supposed` one [rad^2], and as much larger where their noise is."""
+    _, _, known, count = gyro.white
+    known = known if count > 0.0 else NOISE_MOST * NOISE_MOST * supposed
+    return gyro.p11 * known / supposed if known > supposed else gyro.p11
 
 
 Noise = tuple[float, float, float, float]
@@ -271,7 +306,7 @@ def are_truth(fusion: Fusion, silent: float) -> bool:
 def is_borne_out(gyro: RateBias, time: float, heading: float, rate: float) -> bool:
     """Return whether compass and rate sensor tell of the same turn up to a `heading` [rad] and `rate` [rad/s], nan
     where none was measured: what is expected of the boat is wrong then, and the heading is no spike."""
-    last, psi, held, bias, _, _, _, _, _, _, rated = gyro
+    last, psi, held, bias, rated = gyro.time, gyro.heading, gyro.rate, gyro.bias, gyro.rated
     if psi != psi or not 0.0 <= time - rated <= RATE_HELD:
         return False
     mean = 0.5 * (held + rate) if rate == rate else held

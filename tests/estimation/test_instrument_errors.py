@@ -13,7 +13,7 @@ from boats import BOATS, vessel_of
 from plant import Plant
 
 from autopilot.angles import wrap
-from autopilot.estimation.fusion import NO_NOISE, NO_RATE_BIAS, RateBias, noise_step, rate_bias_step
+from autopilot.estimation.fusion import NO_NOISE, NO_RATE_BIAS, RateBias, bias_unknown, noise_step, rate_bias_step
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Order, OrderKind, RateSample, Sample, SpeedSample
 from autopilot.supervision.tuning import RATE_OFF, RATE_OFF_KNOWN
@@ -55,6 +55,26 @@ def test_a_standing_error_is_learnt_in_a_seaway_within_half_a_minute(bias_deg_s:
     assert max(abs(each - bias_deg_s) for each in late) < 0.1
     # its doubt is what it is off by
     assert 0.0 < math.degrees(math.sqrt(known[-1].p11)) < 0.1
+
+
+@pytest.mark.parametrize("dt", [0.1, 0.2, 1.0])
+@pytest.mark.parametrize("times", [1.0, 6.0, 10.0])
+def test_an_error_is_known_no_sooner_than_the_compass_s_own_noise_allows(dt: float, times: float) -> None:
+    """The file says 0.3 deg, and the compass has so many times that: within two seconds a right gyro was accused."""
+    random = np.random.default_rng(20261129)
+    wrong = 0
+    for _ in range(40):
+        known, sure = NO_RATE_BIAS, math.inf
+        for index in range(round(120.0 / dt)):
+            shown = math.sqrt(NOISE[0]) * times * float(random.standard_normal())
+            rate = math.sqrt(NOISE[1]) * float(random.standard_normal())
+            known = rate_bias_step(known, (index * dt, shown, rate), NOISE)
+            if bias_unknown(known, NOISE[0]) < RATE_OFF_KNOWN:
+                sure = min(index * dt, sure)
+                wrong += abs(known.bias) > RATE_OFF
+        # one heading a second that is so noisy is often taken for a gyro whose error has just changed
+        assert sure < 60.0 or dt * times > 5.0
+    assert wrong == 0
 
 
 def test_an_error_that_appears_at_once_is_learnt_again() -> None:
