@@ -65,8 +65,9 @@ CONDITIONS = {
         "over 5 s the rate of turn adds up to an angle that differs by this much from the change of heading, or goes "
         "to the other side; or two rates within 5 s are each more than twice what the rudder gives hard over, and the "
         "heading shows no such turn; or it stays the same to the last digit for 1 s while the heading is 5 deg further "
-        "on than it says: the boat is then steered by heading alone; or both drift apart by more than "
-        "0.75 deg/s, which is then subtracted from the rate",
+        "on than it says, or for 1.2 s and longer than it ever did while that is 2.5 deg and more than its digits and "
+        "noise allow: the boat is then steered by heading alone; or both drift apart by more than 0.75 deg/s, as far "
+        "as the noise of both lets that be known, which is then subtracted from the rate",
         key="alarms.rate_disagrees_deg",
     ),
     "innovation": Condition(

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from autopilot.angles import compass_text, shortest_turn, wrap
 from autopilot.errors import InputError
-from autopilot.estimation.compass_peers import CompassWatch
+from autopilot.estimation.compass_peers import DRIFTING, CompassWatch
 from autopilot.signals import (
     AlarmEvent,
     AlarmSample,
@@ -89,6 +89,8 @@ CHOSEN = -1
 """The rank of the compass that the skipper has chosen."""
 APART_S = 3.0
 """Time [s] over which two compasses are compared for what lies between them."""
+USUAL_S = 60.0
+"""And over which what lay between them before one drifts: of a drift of t [s] the share t/(2 USUAL_S) is in it."""
 TURNS_LEAST = math.radians(3.0)
 """A boat that turns by more [rad/s] shows what is between two compasses falsely: one of them is older."""
 MAGNETIC_TOO = ":M"
@@ -100,14 +102,15 @@ MAGNETIC = re.compile(r"..HD[GM]|.*:M")
 class _Received:
     """One source of one kind."""
 
-    __slots__ = ("apart", "compared", "first", "heading", "known", "last", "rank", "stale")
+    __slots__ = ("apart", "compared", "first", "heading", "known", "last", "rank", "stale", "usual")
 
     def __init__(self, now: float, rank: int, stale: float) -> None:
         self.first = self.last = now
         self.rank, self.stale = rank, stale
         self.heading: float | None = None
-        self.apart, self.known, self.compared = 0.0, 0.0, -math.inf
-        """How far [rad] it is from the compass that steers, of late; for how long [s] that is known, and from when."""
+        self.apart, self.usual, self.known, self.compared = 0.0, 0.0, 0.0, -math.inf
+        """How far [rad] it is from the compass that steers, of late and over USUAL_S; for how long [s] that is known,
+        and from when."""
 
     def compare(self, now: float, steers: _Received) -> None:
         """Take the heading, as old as that of the compass which `steers`, as far as anybody knows."""
@@ -116,9 +119,10 @@ class _Received:
         if self.is_known and steers.last < self.first:
             return  # of two that take turns each change would add what a single heading is wrong by
         step = min(max(now - self.compared, 0.0), APART_S) if self.is_known else 0.0
-        self.known = min(self.known + step, APART_S)
-        share = step / self.known if self.known else 1.0
-        self.apart = wrap(self.apart + share * wrap(self.heading - steers.heading - self.apart))
+        self.known = min(self.known + step, USUAL_S)
+        apart, share = self.heading - steers.heading, step / min(self.known, APART_S) if self.known else 1.0
+        self.apart = wrap(self.apart + share * wrap(apart - self.apart))
+        self.usual = wrap(self.usual + (step / self.known if self.known else 1.0) * wrap(apart - self.usual))
         self.compared = now
 
     @property
@@ -204,10 +208,12 @@ class SensorSelection:
         self._apart, self._disagree = 0.0, None
         if before is None or before == source or not received[source].is_known:
             return
-        turn = received[source].apart
+        of = received[source]
+        # the boat followed one that drifts off its course
+        turn = of.usual if self._compasses.reason(before) == DRIFTING else of.apart
         self._news.append(CompassSample(now, turn, source))
         for known in received.values():
-            known.apart = wrap(known.apart - turn)
+            known.apart, known.usual = wrap(known.apart - turn), wrap(known.usual - turn)
         self._headings = deque((time, wrap(heading + turn)) for time, heading in self._headings)
 
     def admit(self, now: float, samples: list[Sample], link: str) -> list[Sample]:
@@ -242,21 +248,22 @@ class SensorSelection:
         elif now - entry.last > entry.stale:
             entry.first = now
         if isinstance(sample, HeadingSample):
-            return self._choose_compass(now, source, entry, sample.heading)
+            return self._choose_compass(now, source, entry, sample)
         entry.last = now
         best = self._selected.get(kind)
         if best is None or self._goes_before(now, entry, received[best]):
             best = self._selected[kind] = source
         return best == source
 
-    def _choose_compass(self, now: float, source: str, entry: _Received, heading: float) -> bool:
+    def _choose_compass(self, now: float, source: str, entry: _Received, sample: HeadingSample) -> bool:
+        heading = sample.heading
         received, best = self._received["heading"], self._selected.get("heading")
         steers, has_failed = (entry, False) if best is None else (received[best], bool(self._compasses.reason(best)))
         entry.heading = heading
         if not has_failed and now - steers.last <= steers.stale:
             entry.compare(now, steers)
         entry.last = now
-        self._compasses.on_sample(now, source, heading)
+        self._compasses.on_sample(now, source, heading, sample.rate)
         if self._compasses.reason(source):
             return False
         if best is None or has_failed or self._goes_before(now, entry, steers):
@@ -355,6 +362,11 @@ class SensorSelection:
         self._apart = min(self._apart + elapsed, MONITOR_S) if far else max(self._apart - elapsed, 0.0)
         if self._apart < MONITOR_S:
             return None
+        steers = self._selected["heading"]
+        for name, _ in far:
+            for one, other in ((steers, name), (name, steers)):
+                if not self._compasses.reason(other) and self._compasses.drifts(one, other):
+                    self._compasses.accuse(one)
         self._disagree = self._disagree or self._apart_by(best.heading, *far[0])
         return self._disagree
 
