@@ -224,10 +224,6 @@ class Guide(NamedTuple):
     slide: float = 0.0
     unknown: float = 0.0
 
-    def is_late(self, now: float) -> bool:
-        """Return whether the turn to the ordered heading has had the time [s] it may take."""
-        return now >= self.turning_until
-
 
 def started(guide: Guide, limits: TurnLimits, state: NavState) -> Guide:
     """Return the guide with a plan from where the boat is, turning no faster than it may."""

@@ -20,10 +20,12 @@ from autopilot.supervision import (
     rudder_following,
     rudder_watch,
 )
+from autopilot.supervision.alarms import Response, kind_of
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.monitors import NOTHING_SEEN, State, judged, on_samples, without_past
 from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.response_filter import Noise, transition_of
+from autopilot.supervision.supervisor import Supervisor
 
 
 class Stepped:
@@ -231,18 +233,23 @@ def heard_by(monitors: Monitors, seen: MonitorInput, *samples: HeadingSample | R
     monitors.update(seen)
 
 
+ENDS_STEERING = (Response.FAULT, Response.LET_GO, Response.FAILSAFE)
+
+
+def said_by(supervisor: Supervisor) -> tuple[AlarmEvent, ...]:
+    """Return what the skipper must hear of a supervisor now."""
+    ended, notes = supervisor.memory.alarm, tuple(supervisor.memory.notes.values())
+    return (ended, *notes) if ended is not None else notes
+
+
 def trouble(monitors: Monitors) -> AlarmEvent | None:
     """Return what ends steering, None where nothing does."""
-    from autopilot.supervision.alarms import kind_of
-
-    return next((event for event in monitors.findings.values() if kind_of(event).ends_steering), None)
+    return next((event for event in monitors.findings.values() if kind_of(event).response in ENDS_STEERING), None)
 
 
 def alarms(monitors: Monitors) -> tuple[AlarmEvent, ...]:
     """Return what is said though steering goes on."""
-    from autopilot.supervision.alarms import kind_of
-
-    return tuple(event for event in monitors.findings.values() if not kind_of(event).ends_steering)
+    return tuple(event for event in monitors.findings.values() if kind_of(event).response not in ENDS_STEERING)
 
 
 def said(monitors: Monitors) -> tuple[str, ...]:

@@ -109,11 +109,6 @@ class DelayLine:
         self._waiting.clear()
         self._value = self._initial
 
-    @property
-    def newest(self) -> float:
-        """The order given last, in effect or on its way."""
-        return self._waiting[-1][1] if self._waiting else self._value
-
     def give(self, now: float, order: float) -> None:
         """Take the `order` given at `now` [s]."""
         self._waiting.append((now + self._delay, order))

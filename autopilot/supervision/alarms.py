@@ -102,11 +102,6 @@ class AlarmKind(NamedTuple):
         return zlib.crc32(self.name.encode()) & 0xFFFFFF
 
     @property
-    def ends_steering(self) -> bool:
-        """Whether it ends the engagement, and forbids another while it lasts."""
-        return self.response in (Response.FAULT, Response.LET_GO, Response.FAILSAFE)
-
-    @property
     def is_doubt(self) -> bool:
         """Whether it puts in doubt what steering rests on: the pilot steers on, degraded."""
         return self.response is Response.DEGRADE

@@ -244,11 +244,6 @@ class Supervisor:
         by_law = self.memory.rudder is Action.FAILSAFE and self._failsafe.action in STEERING_ACTIONS
         return state in ENGAGED or (state is SupervisorState.FAILSAFE and by_law)
 
-    def alarms(self) -> tuple[AlarmEvent, ...]:
-        """Return what the skipper must hear now, with what to do; () when all is well."""
-        ended, notes = self.memory.alarm, tuple(self.memory.notes.values())
-        return (ended, *notes) if ended is not None else notes
-
     def _remember(self, **news: Any) -> None:
         self.memory = self.memory._replace(**news)
 

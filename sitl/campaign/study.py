@@ -102,11 +102,6 @@ class Study:
     faults: dict[str, tuple[FaultSection, ...]] = field(default_factory=lambda: {"none": ()})
 
 
-def shipped_studies() -> list[str]:
-    """Return the names of the studies that come with the product."""
-    return STUDIES.names()
-
-
 def load_study(path_or_name: str) -> tuple[Study, str]:
     """Return the study of a YAML file, or the shipped one of that name, and the folder that its paths start at.
 

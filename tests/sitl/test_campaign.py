@@ -23,7 +23,7 @@ from autopilot.files.strict_yaml import parse_document
 from autopilot.supervision.rudder_watch import Evidence, evidence_step
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Limits
-from sitl.campaign import work
+from sitl.campaign import study, work
 from sitl.campaign.compiled_run import Figures, figures, run_compiled
 from sitl.campaign.results import COLUMNS
 from sitl.campaign.setting import measured_every, run_reference, setting_of, workspace_of
@@ -39,7 +39,6 @@ from sitl.campaign.study import (
     cases_of,
     load_study,
     number_of_runs,
-    shipped_studies,
     study_from,
 )
 from sitl.campaign.work import Row, batches_of, do_runs, done_compiled, end_with_parent, in_order, local
@@ -393,7 +392,7 @@ def test_results_in_parquet(study_file: Iterator[Path], tmp_path: Path) -> None:
     assert all(value > 0.0 for value in found["travel_deg_s"])
 
 
-@pytest.mark.parametrize("name", shipped_studies())
+@pytest.mark.parametrize("name", study.STUDIES.names())
 def test_shipped_studies_can_be_read(name: str) -> None:
     study, folder = load_study(name)
     assert number_of_runs(Job(study, folder)) > 0

@@ -12,6 +12,7 @@ import pytest
 from alarm_texts import other, words, words_of
 from hypothesis import given
 from hypothesis import strategies as st
+from watches import ENDS_STEERING
 
 from autopilot.errors import InputError
 from autopilot.guidance.plotter import PlotterGuide
@@ -270,7 +271,7 @@ def test_every_alarm_has_a_priority_and_only_cautions_are_silent() -> None:
     priorities = {name: kind.priority for name, kind in CATALOGUE.items()}
     assert all((priorities[name] is Priority.CAUTION) != kind.sounds for name, kind in CATALOGUE.items())
     for kind in CATALOGUE.values():
-        if kind.ends_steering:
+        if kind.response in ENDS_STEERING:
             assert kind.priority <= Priority.ALARM, kind.name
     chosen = ("envelope", "rudder_stuck", "off_course", "line_lost", "variation_unknown", "cannot_engage")
     assert [priorities[name] for name in chosen] == [

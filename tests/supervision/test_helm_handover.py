@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from watches import said_by
 
 from autopilot.control.limits import RudderLimits, limit
 from autopilot.signals import HelmSample, Mode, NavState, Order, OrderKind
@@ -50,14 +51,14 @@ def test_standby_is_obeyed_from_everywhere() -> None:
     overridden.on_sample(human(False))
     assert overridden.decide(0.1, COURSE, state()) is Mode.OVERRIDE
     assert overridden.decide(0.2, STANDBY, state()) is Mode.STANDBY
-    assert overridden.alarms() == ()
+    assert said_by(overridden) == ()
 
 
 def test_an_override_releases_and_only_a_new_serial_engages_again() -> None:
     made = engaged()
     made.on_sample(human(False))
     assert made.decide(0.1, COURSE, state()) is Mode.OVERRIDE
-    assert sentences_of(made.alarms())[0].startswith("overridden: mode HOLD; the helm is yours")
+    assert sentences_of(said_by(made))[0].startswith("overridden: mode HOLD; the helm is yours")
     assert not made.check(0.1, 0.2, 0.3, 0.2, DT).engaged
     made.on_sample(human(True))
     for now in (0.2, 10.0, 100.0):

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from alarm_texts import other
+from watches import said_by
 
 from autopilot.signals import (
     AlarmEvent,
@@ -45,15 +46,15 @@ def test_the_supervisor_stands_by_without_an_order() -> None:
     tested = supervisor()
     assert tested.decide(0.0, Order(), state(0.0)) is Mode.STANDBY
     assert tested.check(0.0, 0.0, 0.2, 0.2, 0.1) == RudderCommand(0.0, 0.0, False)
-    assert tested.alarms() == ()
+    assert said_by(tested) == ()
 
 
 def test_it_waits_for_a_heading_and_says_so() -> None:
     tested = supervisor()
     assert tested.decide(0.0, ENGAGE, state(0.0, math.inf)) is Mode.STANDBY
-    assert "waiting for a heading" in sentences_of(tested.alarms())[0]
+    assert "waiting for a heading" in sentences_of(said_by(tested))[0]
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
-    assert tested.alarms() == ()
+    assert said_by(tested) == ()
 
 
 @pytest.mark.parametrize("cause", list(HelmCause))
@@ -69,15 +70,15 @@ def test_a_note_is_an_alarm_that_changes_nothing_until_its_source_takes_it_back(
     tested.note(AlarmSample(1.0, other("heading monitor: two compasses disagree"), "heading monitor"))
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.ENGAGED
     assert tested.check(1.0, 0.1, 0.1, 0.1, 0.1).engaged
-    assert sentences_of(tested.alarms()) == ("the rudder motor draws 9 A", "heading monitor: two compasses disagree")
+    assert sentences_of(said_by(tested)) == ("the rudder motor draws 9 A", "heading monitor: two compasses disagree")
     tested.note(AlarmSample(2.0, None, "drive"))
     tested.on_sample(HelmSample(2.0, False, "mode HOLD was chosen", "link"))
     tested.decide(2.0, ENGAGE, state(2.0))
-    overridden, note = sentences_of(tested.alarms())
+    overridden, note = sentences_of(said_by(tested))
     assert overridden.startswith("overridden: mode HOLD was chosen")
     assert note == "heading monitor: two compasses disagree"
     tested.note(AlarmSample(2.0, None, "heading monitor"))
-    assert sentences_of(tested.alarms()) == (overridden,)
+    assert sentences_of(said_by(tested)) == (overridden,)
 
 
 def test_standby_ends_an_engagement() -> None:
@@ -89,7 +90,7 @@ def test_a_human_takes_over_at_once_and_keeps_the_helm() -> None:
     tested.on_sample(HelmSample(1.0, False, "mode HOLD was chosen", "link"))
     assert tested.decide(1.0, ENGAGE, state(1.0)) is Mode.OVERRIDE
     assert not tested.check(1.0, 0.1, 0.2, 0.1, 0.1).engaged
-    assert "mode HOLD" in sentences_of(tested.alarms())[0]
+    assert "mode HOLD" in sentences_of(said_by(tested))[0]
     tested.on_sample(HelmSample(2.0, True, "", "link"))
     assert tested.decide(2.0, ENGAGE, state(2.0)) is Mode.OVERRIDE, "the same order does not engage again"
     assert tested.decide(3.0, ENGAGE._replace(serial=2), state(3.0)) is Mode.ENGAGED
@@ -108,7 +109,7 @@ def test_it_does_not_engage_against_a_human() -> None:
     tested = supervisor()
     tested.on_sample(HelmSample(0.0, False, "disarmed", "link"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
-    assert sentences_of(tested.alarms()) == ("not engaged: disarmed",)
+    assert sentences_of(said_by(tested)) == ("not engaged: disarmed",)
 
 
 def test_another_link_cannot_free_the_helm_that_one_has_taken() -> None:
@@ -123,7 +124,7 @@ def test_a_stale_heading_is_a_fail_safe(age: float) -> None:
     tested = engaged()
     assert tested.decide(1.0, ENGAGE, state(1.0, 0.99)) is Mode.ENGAGED
     assert tested.decide(2.0, ENGAGE, state(2.0, age)) is Mode.FAILSAFE
-    assert "heading lost" in sentences_of(tested.alarms())[0]
+    assert "heading lost" in sentences_of(said_by(tested))[0]
     assert tested.decide(3.0, ENGAGE, state(3.0)) is Mode.FAILSAFE, "only a new order engages again"
     assert tested.decide(4.0, ENGAGE._replace(serial=2), state(4.0)) is Mode.ENGAGED
 
@@ -192,7 +193,7 @@ def test_it_resumes_by_itself_only_where_the_file_says_so() -> None:
 def test_a_fault_holds_the_rudder_for_a_while_and_then_lets_go() -> None:
     tested = engaged()
     assert tested.check(1.0, 0.1, math.nan, 0.1, 0.1) == RudderCommand(1.0, 0.1, True)
-    assert "not finite" in sentences_of(tested.alarms())[0]
+    assert "not finite" in sentences_of(said_by(tested))[0]
     assert tested.check(5.9, 0.1, 0.0, 0.1, 0.1) == RudderCommand(5.9, 0.1, True)
     assert not tested.check(6.0, 0.1, 0.0, 0.1, 0.1).engaged
     assert tested.decide(6.1, ENGAGE, state(6.1)) is Mode.FAULT, "nothing but a new order ends it"
@@ -204,9 +205,9 @@ def test_an_order_that_meets_a_taken_helm_waits_half_a_minute_and_is_dropped() -
     tested.on_sample(HelmSample(0.0, False, "disarmed; arm it", "link"))
     assert tested.decide(0.0, ENGAGE, state(0.0)) is Mode.STANDBY
     assert tested.decide(29.0, ENGAGE, state(29.0)) is Mode.STANDBY
-    assert sentences_of(tested.alarms()) == ("not engaged: disarmed; arm it",)
+    assert sentences_of(said_by(tested)) == ("not engaged: disarmed; arm it",)
     tested.decide(30.0, ENGAGE, state(30.0))
-    assert sentences_of(tested.alarms()) == ("the order to engage was dropped: disarmed; arm it; order again",)
+    assert sentences_of(said_by(tested)) == ("the order to engage was dropped: disarmed; arm it; order again",)
     tested.on_sample(HelmSample(31.0, True, "", "link"))
     assert tested.decide(31.0, ENGAGE, state(31.0)) is Mode.STANDBY, "nobody expects to be obeyed by now"
     assert tested.decide(32.0, ENGAGE._replace(serial=2), state(32.0)) is Mode.ENGAGED

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from alarm_texts import other
+from watches import said_by
 
 from autopilot.signals import (
     AlarmEvent,
@@ -94,9 +95,9 @@ def test_a_helm_is_proved_for_an_order_that_waits_for_nothing_else() -> None:
     assert tested.decide(10.0, COURSE, state(5.0)) is Mode.FAILSAFE
     tested.on_sample(helm("to be proved", HelmCause.UNPROVEN))
     tested.decide(11.0, order, state(5.0))
-    assert "cannot_engage" not in {alarm.name for alarm in tested.alarms()}
+    assert "cannot_engage" not in {alarm.name for alarm in said_by(tested)}
     tested.decide(12.0, order, state())
-    assert "cannot_engage" in {alarm.name for alarm in tested.alarms()}
+    assert "cannot_engage" in {alarm.name for alarm in said_by(tested)}
 
 
 def rebooted(tested: Supervisor, at: float = 10.0) -> Supervisor:
@@ -111,12 +112,12 @@ def test_after_a_reboot_it_reengages_only_if_the_file_allows() -> None:
     tested = rebooted(made(reengage=True))
     assert tested.decide(12.0, COURSE, state()) is Mode.OVERRIDE
     assert tested.decide(15.0, COURSE, state()) is Mode.OVERRIDE
-    assert sentences_of(tested.alarms()) == ("not engaged: the vehicle is disarmed; arm it",)
+    assert sentences_of(said_by(tested)) == ("not engaged: the vehicle is disarmed; arm it",)
     assert tested.decide(15.0 + ORDER_WAITS, COURSE, state()) is Mode.OVERRIDE
-    assert "not engaged" in sentences_of(tested.alarms())[0], "what comes back by itself is not dropped"
+    assert "not engaged" in sentences_of(said_by(tested))[0], "what comes back by itself is not dropped"
     tested.on_sample(helm())
     assert tested.decide(60.0, COURSE, state()) is Mode.ENGAGED
-    assert tested.alarms() == ()
+    assert said_by(tested) == ()
 
 
 def test_elsewhere_a_reboot_ends_it_for_good() -> None:
@@ -262,17 +263,17 @@ def test_the_wait_of_an_order_begins_anew_with_another_and_not_before_a_first_he
     tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
     assert tested.decide(0.0, COURSE, state(math.inf)) is Mode.STANDBY
     assert tested.decide(100.0, COURSE, state(math.inf)) is Mode.STANDBY
-    assert "waiting for a heading" in sentences_of(tested.alarms())[0]
+    assert "waiting for a heading" in sentences_of(said_by(tested))[0]
     tested.on_sample(helm("disarmed; arm it"))
     tested.decide(101.0, COURSE, state())
     tested.decide(130.9, COURSE, state())
-    assert sentences_of(tested.alarms()) == ("not engaged: disarmed; arm it",)
+    assert sentences_of(said_by(tested)) == ("not engaged: disarmed; arm it",)
     tested.decide(131.0, COURSE, state())
-    assert "dropped" in sentences_of(tested.alarms())[0]
+    assert "dropped" in sentences_of(said_by(tested))[0]
     again = COURSE._replace(serial=2)
     tested.decide(140.0, again, state())
     tested.decide(169.9, again, state())
-    assert sentences_of(tested.alarms()) == ("not engaged: disarmed; arm it",)
+    assert sentences_of(said_by(tested)) == ("not engaged: disarmed; arm it",)
 
 
 def test_a_trouble_that_keeps_an_order_waiting_is_said_and_the_order_dropped_in_the_end() -> None:
@@ -280,10 +281,10 @@ def test_a_trouble_that_keeps_an_order_waiting_is_said_and_the_order_dropped_in_
     found = {"heading_frozen": AlarmEvent("heading_frozen")}
     stands = sentence_of(found["heading_frozen"])
     tested.decide(0.0, COURSE, state(), found)
-    assert sentences_of(tested.alarms()) == (stands,)
+    assert sentences_of(said_by(tested)) == (stands,)
     assert tested.memory.alarm is not None and tested.memory.alarm.name == "heading_frozen"
     tested.decide(30.0, COURSE, state(), found)
-    assert sentences_of(tested.alarms()) == (f"the order to engage was dropped: {stands}; order again",)
+    assert sentences_of(said_by(tested)) == (f"the order to engage was dropped: {stands}; order again",)
     assert tested.decide(31.0, COURSE, state()) is Mode.STANDBY
 
 
@@ -343,7 +344,7 @@ def test_the_numbers_are_those_of_the_documents() -> None:
 def test_serial_0_is_no_order_that_anybody_gave() -> None:
     tested = Supervisor(Envelope(0.5, 0.35), FailsafeAction(1.0, "hold", 5.0, False))
     assert tested.decide(0.0, COURSE._replace(serial=0), state()) is Mode.STANDBY
-    assert tested.alarms() == ()
+    assert said_by(tested) == ()
 
 
 def test_a_short_fail_safe_is_held_for_its_time() -> None:
@@ -370,7 +371,7 @@ def test_a_tick_that_comes_long_after_the_time_was_up_counts_too() -> None:
     waiting.on_sample(helm("disarmed; arm it"))
     waiting.decide(0.0, COURSE, state())
     waiting.decide(100.0, COURSE, state())
-    assert "dropped" in sentences_of(waiting.alarms())[0]
+    assert "dropped" in sentences_of(said_by(waiting))[0]
 
 
 def test_the_times_are_those_of_the_page() -> None:

@@ -242,11 +242,6 @@ class NmeaSession:
             framed.ignored + self._reader.ignored,
         )
 
-    @property
-    def waiting_for_variation(self) -> int:
-        """Magnetic headings dropped because no variation is known; configure one where this grows."""
-        return self._reader.waiting_for_variation
-
     def receive(self, now: float, chunks: list[bytes]) -> list[Sample]:
         """Take what has arrived by `now` [s], datagrams or pieces of a stream, and return the samples in it."""
         samples: list[Sample] = []
