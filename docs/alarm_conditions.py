@@ -295,7 +295,7 @@ CONDITIONS = {
     "input_shared": Condition(
         "the steering input shows pulses that are none of ours, three in 10 s", watcher=Watcher.LINK
     ),
-    "servo_changed": Condition("SERVOn_MIN, _TRIM or _MAX of the rudder changes while we steer", watcher=Watcher.LINK),
+    "servo_changed": Condition("SERVOn_MIN, _TRIM or _MAX of what steers changes while we steer", watcher=Watcher.LINK),
     "motor_current": Condition(
         "more than drive.current_max_a for longer than a motor takes to start", watcher=Watcher.LINK
     ),

@@ -305,9 +305,9 @@ WORDS = {
         sentence="{text}",
     ),
     "servo_changed": Words(
-        "the end points of the rudder's servo were changed while we steered",
-        "set it back, or start again to take the new ones for all of the rudder",
-        sentence="{detail} while we steered, and the rudder goes by the old scale: {remedy}",
+        "the end points of a servo that steers were changed while we steered",
+        "set that back, or start again to steer by the new ones",
+        sentence="{detail} while we steered: {remedy}",
     ),
     "motor_current": Words(
         "the rudder motor draws too much",

@@ -66,6 +66,15 @@ def test_somebody_else_at_the_thrusters_is_noticed() -> None:
     assert boat.run(6.0, lambda tick: not tick.command.engaged), "the helm is given up"
 
 
+def test_a_thruster_s_end_points_that_are_changed_under_way_are_said() -> None:
+    boat = engaged(sailed("twin_thruster"))
+    for value, is_said in ((1700.0, True), (boat.firmware.parameters["SERVO3_MAX"], False)):
+        boat.firmware.parameters.set("SERVO3_MAX", value)
+        boat.run(60.0)
+        said = [alarm.detail for alarm in boat.tick.alarms if alarm.name == "servo_changed"]
+        assert [words.startswith("SERVO3_MAX was changed from") for words in said] == [True] * is_said
+
+
 def test_a_boat_with_two_thrusters_turns_where_it_lies() -> None:
     boat = sailed("twin_thruster", speed=0.0)
     boat.firmware.sticks[2] = 1500

@@ -57,11 +57,6 @@ class SteeringChannel(NamedTuple):
     scale: tuple[float, float, float] | None = None
     """Pulses [us] at -1, 0 and 1 of full rudder; None: the servo's own end points and trim."""
 
-    @property
-    def ends(self) -> tuple[float, float, float]:
-        """The servo's end points, its trim between them [us]."""
-        return self.servo_min, self.servo_trim, self.servo_max
-
     def check(self) -> None:
         """Raise ValueError where the end points are no pulse widths, or leave no room to steer."""
         pulses = (self.rc_min, self.rc_trim, self.rc_max, self.servo_min, self.servo_trim, self.servo_max)
@@ -264,11 +259,13 @@ def _with_expo(expo: float, steering: int) -> int:
     return int(FULL * (1.0 - expo) * share / (1.0 - expo * abs(share)))
 
 
-def _change_of(parameters: VehicleParameters, before: Iterable[float], after: Iterable[float]) -> str:
-    """Return which of the steering servo's end points and trim [us] were changed, and how."""
-    names = (f"SERVO{parameters.steering_servo}_{suffix}" for suffix in ("MIN", "TRIM", "MAX"))
-    changes = zip(names, before, after, strict=True)
-    return ", ".join(f"{name} was changed from {old:g} to {new:g}" for name, old, new in changes if old != new)
+ENDS = ("MIN", "TRIM", "MAX")
+
+
+def _ends_of(parameters: VehicleParameters) -> dict[str, float | None]:
+    """Return the end points and trims [us] of the servos that steer, by their names."""
+    names = (f"SERVO{number}_{suffix}" for number in parameters.steering_servos for suffix in ENDS)
+    return {name: parameters.get(name) for name in names}
 
 
 LEAVE_ALONE, RELEASE = 65535, 0
@@ -300,7 +297,8 @@ class SteeringOutput:
         mixing: how a skid-steered frame mixes, and what its thrusters do.
         throttle: that beside which a skid-steered frame steers, a share of full; whoever sees it sets it.
         bow: what the same messages carry for a bow thruster, on a channel of its own; None: there is none.
-        changed: which of the servo's end points and trim were changed while we steered; those of before still count.
+        changed: which end points and trims of the servos that steer were changed while we steered; those of before
+            are a rudder's scale.
     """
 
     def __init__(
@@ -325,7 +323,7 @@ class SteeringOutput:
         self.mixing, self.throttle = thrusters, 0.0
         self.bow: BowThrusterOutput | None = None
         self.changed = ""
-        self._kept: tuple[float, float, float] | None = None
+        self._kept: dict[str, float | None] = {}
         self._is_mixed = False
         self._number = 0
         self._held = 0
@@ -343,16 +341,18 @@ class SteeringOutput:
         The same pulse is the same rudder whatever the servo's end points are set to: where they change while the boat
         is steered, the scale stays that of before.
         """
-        number, channel = parameters.steering_input, channel_of(parameters)
+        number, channel, ends = parameters.steering_input, channel_of(parameters), _ends_of(parameters)
+        if self._kept.keys() != ends.keys() or not (is_steered or self.changed):
+            self._kept = ends
+        pairs = ((name, old, ends[name]) for name, old in self._kept.items())
+        changes = [f"{name} was changed from {old:g} to {new:g}" for name, old, new in pairs if old != new]
+        self.changed = "" if self._scale is not None else ", ".join(changes)
         self._is_mixed = parameters.drive.is_mixed
         if self._is_mixed:
             self.mixing = mixing_of(parameters, self.mixing.exponent, self.mixing.astern_share)
         elif channel is not None:
-            if is_steered and self.channel is not None:
-                self._kept = self._kept or self.channel.ends
-            kept = self._kept or channel.ends
-            self.changed = _change_of(parameters, kept, channel.ends) if self._scale is None else ""
-            channel = channel._replace(scale=self._scale or (kept if self.changed else None))
+            kept = [self._kept[f"SERVO{parameters.steering_servo}_{suffix}"] or 0.0 for suffix in ENDS]
+            channel = channel._replace(scale=self._scale or ((kept[0], kept[1], kept[2]) if self.changed else None))
         if channel == self.channel and number == self._number:
             return "" if channel is None else self._short_of_angle(channel, parameters.steering_servo)
         self.forget()
@@ -390,7 +390,7 @@ class SteeringOutput:
     def restarted(self) -> None:
         """Forget what was in force before the vehicle restarted."""
         self.forget()
-        self._kept, self.changed = None, ""
+        self._kept, self.changed = {}, ""
 
     def forget(self) -> None:
         """Forget the vehicle's parameters and the last command, as after a reboot; not what is to be released."""
