@@ -402,8 +402,9 @@ def _why_no(found: LikelihoodFit, kept: bool) -> str:
     late = found.train.delay + found.train.lag
     then = "and T, from which they take their part, is as uncertain" if kept else "so both are held at 0"
     return (
-        f"delay and lag: together, {late:.3g} s with a standard error of {found.late_error:.2g}, they cannot be "
-        f"distinguished from 0, {then}; trials with quick reversals, sampled well within that time, would show it."
+        f"The rudder's delay and lag are {late:.3g} s together, with a standard error of {found.late_error:.2g} s: "
+        f"that cannot be distinguished from 0, {then}. Trials with quick reversals, sampled well within that time, "
+        "would show it."
     )
 
 

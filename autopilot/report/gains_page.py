@@ -47,7 +47,7 @@ def gains_page(
     *steps, hero = (_step(rows, degrees) for degrees in STEP_DEG)
     sections = [
         Section("What each level costs", front_table(*priced), (FRONT_SENTENCE,)),
-        Section("Margins", margin_table(rows), _said(rows)),
+        Section("Margins", margin_table(rows), points=[(name, sentences(each)) for name, each in rows.items()]),
         Section("Open loop", figure=_open_loop(rows), caption="cut at the rudder; at the crossover |L| is 1"),
         Section(
             "Sensitivity", figure=_sensitivity(rows), caption="what the loop makes of disturbances: above 1 it adds"
@@ -61,10 +61,6 @@ def gains_page(
     ]
     hero = hero._replace(caption=f"{hero.title}: {hero.caption}")
     return render(Opening(f"Gain design: {name}", lead, hero, verdict), sections, command)
-
-
-def _said(rows: Mapping[str, Judged]) -> tuple[str, ...]:
-    return tuple(f"{name}: {'; '.join(sentences(each))}." for name, each in rows.items())
 
 
 def _stable(rows: Mapping[str, Judged]) -> dict[str, Judged]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import itertools
 import logging
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -134,8 +135,8 @@ def _draw(axis: Any, panel: Panel, colours: dict[str, str]) -> None:
     axis.spines[["top", "right"]].set_visible(False)
     # above the panel: over no curve
     axis.legend(
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
+        loc="lower left",  # a phone shows this side first
+        bbox_to_anchor=(0.0, 1.0),
         borderaxespad=0.1,
         frameon=False,
         ncols=min(len(panel.lines), LEGEND_COLUMNS),
@@ -173,6 +174,8 @@ th button { font: inherit; font-weight: 600; color: inherit; background: none; b
 th[aria-sort=ascending] button::after { content: " \\2191"; }
 th[aria-sort=descending] button::after { content: " \\2193"; }
 figure { margin: 1rem 0; background: #fff; } figure svg { width: 100%; height: auto; }
+ul { padding-left: 1.3rem; }
+@media screen { td { white-space: nowrap; } } /* a number and its unit stay together: a wide table is pushed sideways */
 figcaption, .note { color: #4b5563; font-size: .9rem; }
 code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 @media screen and (prefers-color-scheme: dark) {
@@ -183,6 +186,7 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
   h1 { font-size: 1.25rem; line-height: 1.25; } th, td { padding: .25rem .3rem; font-size: .85rem; }
   th:first-child, td:first-child { white-space: normal; min-width: 4.5rem; }
   figure { overflow-x: auto; } figure svg { width: 40rem; } /* letters of a size that is read; it is pushed sideways */
+  figcaption::after { content: " (slide it sideways)"; }
   .note code { overflow-wrap: anywhere; }
 }
 @page { size: A4; margin: 16mm 14mm; }
@@ -192,6 +196,7 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
   header + figure svg { max-height: 150mm; } /* the verdict stands on the first page too */
   section, figure, table, .verdict { break-inside: avoid; } /* with its heading, where a sheet holds it */
   figure { break-before: avoid; } thead { display: table-header-group; } p { orphans: 3; widows: 3; }
+  ul { margin: .2rem 0; } p { margin: .6rem 0; }
   .verdict { font-size: 12pt; print-color-adjust: exact; } .wide { overflow: visible; }
   table { width: 100%; font-size: 8.5pt; } th, td { padding: .15rem .35rem; }
   th button { font-size: inherit; } th button::after { content: "" !important; }
@@ -206,7 +211,7 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 {% if verdict %}<p class="verdict {{ verdict[0] | replace(" ", "-") }}">{{ verdict[1] | replace("+-", "±") }}</p>
 {% endif %}
 <p>{{ lead }}</p>
-<p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }}.</p>
+<p class="note">Made by <code>{{ command }}</code> with Norrbin {{ version }} on {{ day }}.</p>
 {% for section in sections %}
 <section><h2>{{ section.title }}</h2>
 {% if section.table %}<div class="wide"><table>
@@ -215,6 +220,8 @@ code { background: #f0f2f5; padding: .1rem .35rem; border-radius: 3px; }
 {% for row in section.table[1:] %}<tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
 {% endfor %}</tbody></table></div>{% endif %}
 {% for paragraph in section.text %}<p>{{ paragraph }}</p>{% endfor %}
+{% for name, said in section.points %}<p>{{ name }}:</p>
+<ul>{% for each in said %}<li>{{ each }}</li>{% endfor %}</ul>{% endfor %}
 {% if section.figure %}<figure tabindex="0">{{ section.figure | safe }}
 <figcaption>{{ section.caption }}</figcaption></figure>{% endif %}
 </section>{% endfor %}
@@ -249,13 +256,17 @@ for (const table of document.querySelectorAll("table")) {
 
 
 class Section(NamedTuple):
-    """A part of the report: a table (first row its heads), paragraphs, and a figure as SVG with its caption."""
+    """A part of the report: a table (first row its heads), paragraphs, and a figure as SVG with its caption.
+
+    points: names, and what is to be said of each, as lists below the paragraphs.
+    """
 
     title: str
     table: Sequence[Sequence[str]] = ()
     text: Sequence[str] = ()
     figure: str = ""
     caption: str = ""
+    points: Sequence[tuple[str, Sequence[str]]] = ()
 
 
 class Opening(NamedTuple):
@@ -273,5 +284,9 @@ def render(opening: Opening, sections: Sequence[Section], command: str) -> str:
 
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     return environment.from_string(TEMPLATE).render(
-        **opening._asdict(), sections=sections, command=command, version=__version__
+        **opening._asdict(),
+        sections=sections,
+        command=command,
+        version=__version__,
+        day=time.strftime("%d %B %Y").lstrip("0"),
     )

@@ -217,6 +217,7 @@ def test_the_report_shows_the_loop(tmp_path: Path) -> None:
         "delay margin",
         "By speed: designed",
         "150 % = 6.95 m/s",
+        "<li>with the heading filter: ",
     ):
         assert wanted in text
 

@@ -26,6 +26,13 @@ def test_a_name_has_one_colour_in_all_panels_and_six_names_have_six() -> None:
     assert curves == [*COLOURS, COLOURS[5]] and len(set(COLOURS)) == 6
 
 
+def test_who_is_who_stands_at_the_side_that_a_phone_shows_first() -> None:
+    drawn = time_figure([Panel("K", [line("pid"), line("sliding")])])
+    places = [float(at) for at in re.findall(r'x="([\d.]+)" [^>]*>(?:pid|sliding)<', drawn)]
+    width = float(re.search(r'viewBox="0 0 ([\d.]+) ', drawn)[1])
+    assert len(places) == 2 and max(places) < 0.5 * width
+
+
 @pytest.mark.parametrize(("low", "high"), [(0.3, 1.6), (0.02, 40.0)])
 def test_a_logarithmic_axis_has_plain_numbers(low: float, high: float) -> None:
     drawn = time_figure([Panel("rms", [line("pid", low, high)])], "travel", logarithmic=True)

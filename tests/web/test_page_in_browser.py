@@ -712,7 +712,8 @@ def test_the_next_step_of_a_new_boat_is_in_view(size: tuple[int, int], browser: 
 def test_axe_finds_nothing_in_a_report_in_either_light(light: str, browser: Any, tmp_path: Path) -> None:
     axe = pytest.importorskip("axe_playwright_python.base", reason="the extra `browser` (axe) is not installed")
     wide = "<svg role='img' aria-label='a curve' viewBox='0 0 90 20'></svg>"
-    shown = Section("Heading", (("", "rms"), ("held", "0.3 deg")), ("A paragraph.",), wide, "what was held")
+    said = [("The law", ("it is calm", "it is quick"))]
+    shown = Section("Heading", (("", "rms"), ("held", "0.3 deg")), ("A paragraph.",), wide, "what was held", said)
     opening = Opening("A hold", "What it is about.", shown, ("good", "good: held"))
     (tmp_path / "report.html").write_text(render(opening, [shown], "autopilot log compare"))
     for size in ((360, 640), (1280, 800)):
