@@ -133,7 +133,11 @@ class MessageStreams:
             left = max(left - (given[each] - least[each]) * cost[each], 0.0)
         self._rates = given
         less = f"headings at {given[first]:.0f} Hz of {wanted[first]:.0f}" if given[first] < wanted[first] else ""
-        others = "all else less often" if any(given[each] < rate for each, rate in wanted.items()) else ""
+        others = (
+            f"headings at {wanted[first]:.0f} Hz, the rest less often"
+            if any(given[each] < rate for each, rate in wanted.items())
+            else ""
+        )
         self.narrow = AlarmEvent("line_narrow", less or others) if less or others else None
 
     def _refit(self, now: float, seconds: float) -> bool:
@@ -143,14 +147,16 @@ class MessageStreams:
         takes what has waited longest). Where the headings alone are slow, it is the vehicle that sends no more.
         """
         brought = {each: count / seconds for each, count in self.counts.items()}
-        often = [each for each, rate in self._wanted.items() if rate >= OFTEN_HZ]
-        first, *others = (brought[each] / self._rates[each] for each in often or self._wanted)
+        shares = {each: brought[each] / rate for each, rate in self._rates.items()}
+        first, *rest = shares
+        others = [shares[each] for each in rest if self._wanted[each] >= OFTEN_HZ]
+        share, come = shares[first], brought[first]
         is_whole = self.lost <= FEW_LOST * (self.came + self.lost) and self._came_before < math.inf
-        waits = self._came_before > 0.0 or any(0.0 < share < ALL_COME for share in others)
-        is_full = is_whole and waits and 0.0 < first < ENOUGH
+        waits = self._came_before > 0.0 or any(0.0 < other < ALL_COME for other in others)
+        is_full = is_whole and waits and 0.0 < share < ENOUGH
+        all_come = min([share, *others]) >= ALL_COME
         self._full_checks = self._full_checks + 1 if is_full else 0
-        come = next(iter(brought.values()))
-        if first >= ENOUGH and self._came_before < math.inf:
+        if share >= ENOUGH and self._came_before < math.inf:
             self._came_before = 0.0
         if self._full_checks >= PATIENT_CHECKS and come <= MORE * self._came_before:
             self._fit(self._carries)  # to ask for less has brought no more: it is not the line
@@ -158,10 +164,10 @@ class MessageStreams:
         elif self._full_checks >= PATIENT_CHECKS:
             self._came_before = come
             self._fit(LINE_SHARE * sum(rate * self._cost[each] for each, rate in brought.items()))
-        elif self._is_tried and min(first, *others) < ALL_COME:
+        elif self._is_tried and not all_come:
             self._fit(self._room / MORE)
             self._more_s *= 2.0
-        elif self._room < self._carries and now - self._fitted_at > self._more_s and min(first, *others) >= ALL_COME:
+        elif self._room < self._carries and now - self._fitted_at > self._more_s and all_come:
             self._fit(min(MORE * self._room, self._carries))
             self._is_tried, self._full_checks, self._fitted_at = True, 0, now
             return True
