@@ -17,6 +17,7 @@ from autopilot.control.roll_damping import RollDamper, RollDamping
 from autopilot.estimation import estimator
 from autopilot.estimation.disturbance import FilterNoise, noises_of
 from autopilot.estimation.estimator import EstimatorConfig, EstimatorState
+from autopilot.estimation.path_delay import behind
 from autopilot.estimation.rudder_observer import AS_FILED, RudderRate, gone_by
 from autopilot.estimation.tuning import RATE_BEYOND
 from autopilot.models.drives import RUDDER_LAW, DriveLaw, Needs
@@ -93,11 +94,16 @@ def _envelope_of(config: PilotConfig) -> Envelope:
 
 
 def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
-    """Return what steering with the `law` goes by, in numbers."""
+    """Return what steering with the `law` goes by, in numbers.
+
+    Two thrusts turn a boat by degrees while an order is on its way: what they are is known as behind the loop's delay.
+    A gear that must move first turns it by tenths of one.
+    """
+    has_gear = config.steers_by is not Needs.NOTHING
     return SteeringConfig(
         estimator=EstimatorConfig(
             config.model,
-            config.gear,
+            config.gear if has_gear else behind(config.gear, config.loop_delay),
             noises_of(config.noise, RATE_BEYOND * quickest_turn(config.model, config.gear.angle_max)),
             config.steerage,
             config.law,
@@ -112,6 +118,7 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
         rudder_is_ours=config.rudder_is_ours,
         uses_bias=law.kind.uses_bias,
         delay_margin=config.delay_margin,
+        has_gear=has_gear,
     )
 
 

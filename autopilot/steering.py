@@ -140,7 +140,8 @@ class SteeringConfig(NamedTuple):
     where the other side steers by itself to the reference heading. corner_frequencies hold at the model's speed: which
     waves the law is shown, see `backstepping`; so does delay_margin [s], the law's. dead_band [rad]: on a course
     the rudder rests until it is wrong by more. uses_bias: whether the law goes by the estimated bias. estimator.gear is
-    the gear that is gone by: turns are planned with its rate, whatever rate the rudder is commanded at.
+    the gear that is gone by: turns are planned with its rate, whatever rate the rudder is commanded at. has_gear:
+    whether steering moves one, or is the difference of two thrusts.
     """
 
     estimator: EstimatorConfig
@@ -153,6 +154,7 @@ class SteeringConfig(NamedTuple):
     rudder_is_ours: bool
     uses_bias: bool
     delay_margin: float
+    has_gear: bool = True
 
 
 class Turning(NamedTuple):
@@ -184,7 +186,8 @@ def turning_at(config: SteeringConfig, turning: Turning, model: Norrbin) -> Turn
     ):
         return turning
     preset = preset_rate(config.turn_rate_max, config.turn_curvature_max, speed)
-    steered = SteeringGear(limits.angle_max, rate, gear.lag, gear.dead_band, gear.delay + config.estimator.loop_delay)
+    late = gear.delay + (config.estimator.loop_delay if config.has_gear else 0.0)
+    steered = SteeringGear(limits.angle_max, rate, gear.lag, gear.dead_band, late)
     planned = turn_limits(model, steered, config.rudder_share, preset)
     return Turning(planned, speed, model.gain, limits.angle_max, rate)
 
@@ -305,6 +308,21 @@ def steered_by(config: SteeringConfig, model: Norrbin, state: NavState, ratio: f
         deviation,
         frequency,
     )
+
+
+def leads_gear(config: SteeringConfig, model: Norrbin, seconds: float) -> float:
+    """Return how long [s] after an order the rudder is where it says, where a planned turn is one of the boat as it
+    will be then, else 0. seconds: until the ordered turn is over, 0 or less: none is under way.
+
+    What is planned is then what the boat does when the order has come, and the law sees no lag that it would catch up
+    with, and lead past by. Two thrusts turn a boat by so much meanwhile: a catamaran of 80 deg/s by 16 deg in 0.2 s.
+    With a gear it is a degree or two, and a share of the rudder is kept for that; a course-unstable boat's reference is
+    that of so much earlier (`reference_of`).
+    """
+    gear = config.estimator.gear
+    if seconds <= 0.0 or config.has_gear or not config.rudder_is_ours or model.n1 <= 0.0:
+        return 0.0
+    return gear.delay + gear.lag
 
 
 def referred(

@@ -76,6 +76,7 @@ from autopilot.steering import (
     SteeringConfig,
     Way,
     idle,
+    leads_gear,
     obey,
     paced,
     planned_anew,
@@ -207,6 +208,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
 
     at = dt, is_engaged, is_other_boat
     present, steady, ratio, mean_bias = steered_from(steering, state, monitors, estimate, seen, at)
+    is_ahead = is_engaged and leads_gear(steering, model, state.way.guide.turning_until - now) > 0.0
     on_course = is_engaged and order.kind is OrderKind.HEADING
     waits = on_course and lacks_way(boat, way, estimate, steady.speed)
     if is_engaged and (is_other_boat or waits != way.waits):
@@ -226,7 +228,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     elif steers:
         way, reference = refer(steering, way, order, model, steady, (rudder.command.angle, dt))
         asked = answering(boat, model, monitors.course.softer), ratio
-        control, demand = ask_law(config, control, asked, reference, steady, (own, dt))
+        control, demand = ask_law(config, control, asked, reference, steady, (own, dt, is_ahead))
         demand += control.roll_rudder
     else:
         way, reference, demand = obey(steering, way, order, model, steady) if is_engaged else idle(way, steady)
@@ -247,7 +249,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     memory = supervisor.memory
     steers_on = boat.rudder_is_ours and memory.state in ENGAGED
     estimate = with_command(estimate, now, command.angle, is_ours, steers_on)
-    if is_ours and not is_measured:
+    # thrusters have no gear that might have become slow
+    if is_ours and steering.has_gear and not is_measured:
         known = begun_at(present.rudder) if is_new_path else state.rudder.rate
         estimate, way, rate = with_gear_found(config.steering, (estimate, way), known, moved, present, found)
     else:
@@ -297,11 +300,12 @@ def steered_from(
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
         # against that keeps it swinging
         present = present._replace(bias=mean_bias)
-    if not (is_engaged and late > 0.0):
+    ahead = late + leads_gear(config, model, state.way.guide.turning_until - seen.time)
+    if not (is_engaged and ahead > 0.0):
         return present, present, ratio, mean_bias
     # an order of now finds the boat where it will be when it comes
     lively, gear, on_way = estimate.lively_model, config.estimator.gear, (estimate.rudder, estimate.memory)
-    there = when_heard(lively, gear, present, on_way, late, estimate.fusion.unlearnt if holds else 0.0)
+    there = when_heard(lively, gear, present, on_way, (late, ahead), estimate.fusion.unlearnt if holds else 0.0)
     return present, there, ratio, mean_bias
 
 
@@ -617,7 +621,7 @@ def reckon(
         held = Reference(reckoned.heading, reckoned.rate)
         return steering.memory, control, reckoned, held, 0.0 if wanted is None else wanted - reckoned.bias
     answers = answering(config.boat, model), estimate.quickness
-    control, demand = ask_law(config, control, answers, reference, reckoned, (angle, dt))
+    control, demand = ask_law(config, control, answers, reference, reckoned, (angle, dt, False))
     return steering.memory, control, reckoned, reference, demand
 
 
@@ -639,16 +643,17 @@ def ask_law(
     boat: tuple[Norrbin, float],
     reference: Reference,
     state: NavState,
-    own: Moved,
+    own: tuple[float, float, bool],
 ) -> tuple[Control, float]:
     """Return the law's demand [rad], and what it remembers. boat: the model as laws know it, and how many times as
-    quick as in the trial its loop is; own: the law's part of the last command."""
-    (law, roll, damper, roll_rudder, damps_roll), (model, ratio), (command, dt) = control, boat, own
+    quick as in the trial its loop is; own: the law's part of the last command, the time [s] since, and whether the
+    state is that of when the rudder has come to the order."""
+    (law, roll, damper, roll_rudder, damps_roll), (model, ratio), (command, dt, is_ahead) = control, boat, own
     measured = NO_ROLL
     if roll is not None and roll.rate is not None:
         measured = RollInput(roll.roll, roll.rate, state.time - roll.time)
     kind, gains = config.law
-    given = LawInput(model, ratio, reference, state, measured, command, config.boat.limits.angle_max, dt)
+    given = LawInput(model, ratio, reference, state, measured, command, config.boat.limits.angle_max, dt, is_ahead)
     demand, after = kind.step(gains, law, given)
     return control if after is law else Control(after, roll, damper, roll_rudder, damps_roll), demand
 

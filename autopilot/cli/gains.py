@@ -127,7 +127,7 @@ def run(arguments: argparse.Namespace) -> int:
         bar.update(len(wanted), len(wanted) + 2)
         front = front_of(vessel)
         bar.update(len(wanted) + 1, len(wanted) + 2)
-        level = level_of(vessel, better, front)
+        level = level_of(vessel, better, front, request.level)
     cost = next((row for row in front if row.level == level), None)
     verdict = verdict_of_gains(rows[f"designed {DESIGNED}"], cost)
     if arguments.json:
@@ -162,13 +162,14 @@ def said_once(rows: dict[str, Judged]) -> dict[str, Judged]:
     return shown
 
 
-def level_of(vessel: Vessel, better: Vessel, front: list[LevelCost]) -> int | None:
-    """Return the level that the gains of `better` are; None where they are of none."""
+def level_of(vessel: Vessel, better: Vessel, front: list[LevelCost], asked: int) -> int | None:
+    """Return the level that the gains of `better` are, that asked for where more than one has them; None where they are
+    of none."""
     from autopilot.control.design import DESIGNED
     from autopilot.runtime.tuning import GainRequest, designed
 
     gains = getattr(better.control, DESIGNED)
-    for row in front:
+    for row in sorted(front, key=lambda row: row.level != asked):
         if getattr(designed(vessel, GainRequest(row.level)).control, DESIGNED) == gains:
             return row.level
     return None

@@ -332,12 +332,12 @@ def when_acted_on(ahead: float, given: LawInput) -> LawInput:
     """Return state and reference as they will be `ahead` [s], when the rudder has come to an order of now: meanwhile it
     goes from where it is to the last one."""
     state, reference, model = given.state, given.reference, given.model
-    if ahead <= 0.0:
+    if ahead <= 0.0 or given.is_ahead:
         return given
     then = moved_on(model, state, given.last_rudder, ahead)
     on = wrap(reference.heading + ahead * (reference.rate + 0.5 * ahead * reference.acceleration))
     met = Reference(on, reference.rate + ahead * reference.acceleration, reference.acceleration)
-    return LawInput(model, given.ratio, met, then, given.roll, given.last_rudder, given.rudder_max, given.dt)
+    return LawInput(model, given.ratio, met, then, given.roll, given.last_rudder, given.rudder_max, given.dt, True)
 
 
 def without_waves(given: LawInput) -> LawInput:
@@ -361,7 +361,15 @@ def without_waves(given: LawInput) -> LawInput:
         state.wave_frequency,
     )
     return LawInput(
-        given.model, given.ratio, given.reference, alone, given.roll, given.last_rudder, given.rudder_max, given.dt
+        given.model,
+        given.ratio,
+        given.reference,
+        alone,
+        given.roll,
+        given.last_rudder,
+        given.rudder_max,
+        given.dt,
+        given.is_ahead,
     )
 
 

@@ -30,6 +30,8 @@ DESIGNED = backstepping.LAW.name
 
 WORST_SENSITIVITY = 1.6
 """Ms that a design may reach; 1.4 is cautious, 2.0 is the usual limit."""
+SENSITIVITY_MOST = 2.0
+"""A peak of the sensitivity above 2 is less than a usual margin (Astrom and Murray)."""
 DAMPING = math.sqrt(0.8)
 """Of designed loops that do not spare the rudder."""
 LEAST_ERROR = math.radians(1.0)

@@ -46,7 +46,8 @@ NO_ROLL = RollInput(math.nan, math.nan, math.inf)
 class LawInput(NamedTuple):
     """What a law is given at a tick: the model at the present speed, that speed over the one at which the gains hold,
     the reference, the state to steer by, the roll, the rudder [rad] that its last demand came to once it was limited,
-    the largest rudder angle [rad], and the time [s] since the tick before."""
+    the largest rudder angle [rad], the time [s] since the tick before, and whether state and reference are those of
+    when the rudder has come to the order."""
 
     model: Norrbin
     ratio: float
@@ -56,6 +57,7 @@ class LawInput(NamedTuple):
     last_rudder: float
     rudder_max: float
     dt: float
+    is_ahead: bool = False
 
 
 class LoopGains(NamedTuple):

@@ -252,25 +252,34 @@ def when_heard(
     gear: SteeringGear,
     state: NavState,
     orders: tuple[RudderObserver, RudderMemory],
-    late: float,
+    ahead: tuple[float, float],
     unlearnt: float,
 ) -> NavState:
-    """Return the boat as it will be `late` [s] after the `state`, under the orders that are on their way, and what
-    pushes it: its bias, and what is `unlearnt` [rad of rudder] beside. Time and bias stay."""
-    observer, memory = orders
+    """Return the boat as it will be under the orders that are on their way, and what pushes it: its bias, and what is
+    `unlearnt` [rad of rudder] beside. Time and bias stay.
+
+    ahead: by how much [s] orders come later than filed, and how long [s] after the `state`.
+    """
+    (observer, memory), (late, seconds) = orders, ahead
     modelled, effective, passed = observer.modelled, observer.effective, observer.passed
     times, given, ring = memory.order_times, memory.orders, len(memory.orders) - 1
     off, begun = state.rudder - modelled, state.time - gear.delay - late
-    steps, bias = math.ceil(late / RECKONED_STEP), state.bias
-    dt = late / steps
-    state = state._replace(bias=bias + unlearnt)
+    steps, bias = math.ceil(seconds / RECKONED_STEP), state.bias
+    dt = seconds / steps
+    state = pushed_by(state, bias + unlearnt)
     for step in range(steps):
         while passed < observer.given and times[passed & ring] <= begun + (step + 0.5) * dt:
             effective = given[passed & ring]
             passed += 1
         modelled = gear_step(gear, modelled, effective, dt)
         state = moved_on(model, state, modelled + off, dt)
-    return state._replace(bias=bias)
+    return pushed_by(state, bias)
+
+
+def pushed_by(state: NavState, bias: float) -> NavState:
+    """Return the state with another bias [rad]."""
+    time, heading, rate, speed, rudder, _, age, valid, wave, wave_rate, deviation, frequency = state
+    return NavState(time, heading, rate, speed, rudder, bias, age, valid, wave, wave_rate, deviation, frequency)
 
 
 def swung(heading: float, rate: float, frequency: float, ahead: float) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from random import Random
 from typing import Any, NamedTuple
 
 from autopilot.angles import wrap
-from autopilot.control.design import DESIGNED, Margins, Spread, Verdict, worst_margins
+from autopilot.control.design import DESIGNED, SENSITIVITY_MOST, Margins, Spread, Verdict, worst_margins
 from autopilot.control.margins import Loop, OutputFeedbackMargins, Recovery, output_feedback_margins, recoveries
 from autopilot.files.printable import aligned
 from autopilot.guidance.stop import turn_limits
@@ -172,8 +172,8 @@ def judged(vessel: Vessel, law: str) -> Judged:
 
 
 NEXT_TO_NOTHING_DEG = 0.3
-SENSITIVITY_MOST, TURN_PAST_MOST = 2.0, math.radians(2.0)
-"""A peak of the sensitivity above 2 is less than a usual margin (Astrom and Murray); a turn leads past by less."""
+TURN_PAST_MOST = math.radians(2.0)
+"""A turn leads past by less."""
 
 
 def verdict_of_gains(each: Judged, cost: LevelCost | None) -> steered.Verdict:

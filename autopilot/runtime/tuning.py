@@ -13,14 +13,21 @@ from collections.abc import Callable
 from dataclasses import astuple, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from autopilot.control.backstepping import lqr_gains
-from autopilot.control.design import DESIGNED, MIDDLE_LEVEL, Spread, design_backstepping
+from autopilot.control.backstepping import gains_at, linear_gains_backstepping, lqr_gains
+from autopilot.control.design import (
+    DESIGNED,
+    MIDDLE_LEVEL,
+    SENSITIVITY_MOST,
+    Spread,
+    design_backstepping,
+    worst_margins,
+)
 from autopilot.control.registry import LAWS, designed_laws
 from autopilot.errors import InputError, RefusedError
 from autopilot.files.saving import Worker
 from autopilot.models.drives import BEYOND, at_point, quickness
 from autopilot.models.norrbin import Norrbin
-from autopilot.runtime.build import gear_of, law_boat_of, limits_of, model_of, noise_of
+from autopilot.runtime.build import gear_of, law_boat_of, limits_of, model_at_ratio, model_of, noise_of
 from autopilot.runtime.vessel_store import VesselStore
 from autopilot.signals import Tick
 from autopilot.vessel.file import model_section, rounded
@@ -51,10 +58,7 @@ def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  #
     # a calm course is no reason to turn badly; a boat that is lost in turns at the middle level is asked for more
     level = max(request.level, MIDDLE_LEVEL)
     try:
-        if bandwidth is None:
-            from autopilot.control.front import bandwidth_of
-
-            bandwidth = bandwidth_of(request.level, bandwidths_of(vessel))
+        bandwidth = course_bandwidth(vessel, request.level) if bandwidth is None else bandwidth
         loop = design_backstepping(model_of(vessel), gear_of(vessel), rate_max, vessel.control.loop_delay_s, level)
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
@@ -62,6 +66,39 @@ def designed(vessel: Vessel, request: GainRequest = GainRequest()) -> Vessel:  #
     sections = {name: _rounded(law.design.of(boat, loop)) for name, law in LAWS.items() if law.design}
     sections[DESIGNED] = replace(sections[DESIGNED], course_rad_s=rounded(bandwidth))
     return replace(vessel, control=replace(vessel.control, **sections))
+
+
+def course_bandwidth(vessel: Vessel, level: int) -> float:
+    """Return the bandwidth [rad/s] of the regulator that holds a course at a response level.
+
+    What makes a calm one worth its errors is the wear of a gear. Where steering wears nothing a level has as much as
+    the quickest that `bears_speeds`, four levels up at most: so the middle level comes to what the quickest may have.
+    Raises ValueError as `bandwidths_of` does, and for another level.
+    """
+    from autopilot.control.front import LEVELS, bandwidth_of
+
+    most = bandwidths_of(vessel)
+    asked = bandwidth_of(level, most)
+    if not law_boat_of(vessel).wears:
+        for quicker in range(min(level + LEVELS[-1] - MIDDLE_LEVEL, LEVELS[-1]), level, -1):
+            bandwidth = bandwidth_of(quicker, most)
+            if bears_speeds(vessel, bandwidth):
+                return bandwidth
+    return asked
+
+
+def bears_speeds(vessel: Vessel, bandwidth: float) -> bool:
+    """Return whether a regulator of that bandwidth [rad/s] keeps usual margins at the trial's speed, and holds the boat
+    at the slowest and the fastest that the file goes on to, on every boat within the uncertainty."""
+    law, model, gear, (spread, _) = drive_law_of(vessel), model_of(vessel), gear_of(vessel), spread_of(vessel)
+    regulator, rate_max, delay = lqr_gains(model, bandwidth), limits_of(vessel).rate_max, vessel.control.loop_delay_s
+    for ratio, most in ((1.0, SENSITIVITY_MOST), (law.slowest, math.inf), (BEYOND * law.fastest, math.inf)):
+        here = model_at_ratio(vessel, ratio)
+        gains = linear_gains_backstepping(here, gains_at(regulator, quickness(law, model, here)))
+        found = worst_margins(here, gear, rate_max, delay, gains._replace(ahead=gear.delay + gear.lag), spread)
+        if not (found.stable and found.sensitivity <= most):
+            return False
+    return True
 
 
 FALLS_OFF = 2.0
@@ -143,16 +180,15 @@ class LevelCost(NamedTuple):
 
 def front_of(vessel: Vessel) -> list[LevelCost]:
     """Return the front that `gains` chooses from. Raises RefusedError where no gain serves."""
-    from autopilot.control.front import LEVELS, STILL, USUAL, bandwidth_of, cost, worst
+    from autopilot.control.front import LEVELS, STILL, USUAL, cost, worst
 
     afloat, offs = afloat_of(vessel), offs_of(vessel)
     try:
-        most = bandwidths_of(vessel)
+        asked = [course_bandwidth(vessel, level) for level in LEVELS]
     except ValueError as error:
         raise RefusedError(f"vessel {vessel.name!r}: {error}") from error
     found = []
-    for level in LEVELS:
-        bandwidth = bandwidth_of(level, most)
+    for level, bandwidth in zip(LEVELS, asked, strict=True):
         gains = lqr_gains(afloat.model, bandwidth)
         costs = cost(afloat, gains, USUAL), cost(afloat, gains, STILL), worst(afloat, gains, USUAL, offs)
         found.append(LevelCost(level, bandwidth, *costs))

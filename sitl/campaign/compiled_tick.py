@@ -29,6 +29,7 @@ from autopilot.estimation.fusion import (
 )
 from autopilot.estimation.heading_ekf import FilterState, with_bias_of
 from autopilot.estimation.instruments import Smoothed, model_at, smoothed
+from autopilot.estimation.path_delay import when_heard
 from autopilot.estimation.rudder_observer import (
     AS_FILED,
     RudderMemory,
@@ -53,6 +54,7 @@ from autopilot.steering import (
     SteeringConfig,
     Turning,
     heading_ordered,
+    leads_gear,
     referred,
     started,
     steered_by,
@@ -196,14 +198,17 @@ def tick(
         answers = verdict(answer.response, enough(answer.carried, as_course)) == 0
         answers = answers and (seen.wave_deviation <= 0.0 or other_verdict(answer.response.others) == FILED)
     ratio = quickness(config.estimator.law, config.estimator.model, model)
-    state = steered_by(config, model, seen, ratio)
+    state = present = steered_by(config, model, seen, ratio)
+    ahead = leads_gear(config, model, listened.guide.turning_until - now)
+    if ahead > 0.0:
+        state = when_heard(model, config.estimator.gear, present, (listened.rudder, memory), (0.0, ahead), 0.0)
     turning = turning_at(config, listened.turning, model)
     guide = listened.guide
     if target != guide.heading:
         guide = heading_ordered(guide, model, turning.limits, state, target)
     guide = referred(config, guide, turning, model, state, (pilot_state.command, dt))
     reference, own = reference_of(model, turning.limits, guide.boat), pilot_state.rest.allowed
-    given = LawInput(model, ratio, reference, state, NO_ROLL, own, config.limits.angle_max, dt)
+    given = LawInput(model, ratio, reference, state, NO_ROLL, own, config.limits.angle_max, dt, ahead > 0.0)
     demand, law = law_step(campaign.gains, listened.law, given)
     rest = limited(config.limits, config.dead_band, pilot_state.rest, (pilot_state.command, dt), demand)
     command = rest.command
@@ -214,8 +219,8 @@ def tick(
     # numba takes no condition inside the call below
     gear = config.estimator.gear
     gusty = config.estimator.noises.usual.gusty_bias
-    sea = state.wave_deviation, listened.fusion.state.intensity.density, gusty
-    steered = state.rate, pilot_state.command, now >= pilot_state.guide.turning_until
+    sea = present.wave_deviation, listened.fusion.state.intensity.density, gusty
+    steered = present.rate, pilot_state.command, now >= pilot_state.guide.turning_until
     rate = rudder_rate_step(model, pilot_state.rate, steered, sea, (gear.angle_max, gear.rate_max), dt)
     gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)

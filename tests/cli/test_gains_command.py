@@ -167,19 +167,21 @@ def test_a_level_moves_the_regulator_alone_and_the_front_says_what_it_costs(
     assert all(row["worst_boat_heading_rms_deg"] <= 1.6 * row["heading_rms_deg"] for row in front)
 
 
-def test_who_leads_past_in_turns_is_shown_the_share_that_cures_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A calmer level does not: the plan asks for all the steering there is, and its stop comes late."""
+def test_blueboat_turns_well_with_all_of_its_steering(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The boat turns on by degrees while an order is on its way: what is planned is when it has come."""
     shipped = load_vessel("blueboat")
-    said = []
     for share in (1.0, 0.4):
         boat = tmp_path / f"boat{share}.yaml"
         boat.write_text(dump_vessel(replace(shipped, guidance=replace(shipped.guidance, rudder_share=share))))
         assert main(["gains", str(boat)]) == 0
-        said.append(next(line for line in capsys.readouterr().out.splitlines() if "turns 90 deg" in line))
-    assert "turns lead past" in said[0] and "guidance.rudder_share below 1)" in said[0]
-    assert "turns lead past" not in said[1] and "rudder_share" not in said[1]
+        assert "good: turns 90 deg" in capsys.readouterr().out
+
+
+def test_who_leads_past_in_turns_is_advised_to_plan_with_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    boat = report.judged(designed(load_vessel("blueboat")), "backstepping")
+    monkeypatch.setattr(report, "turned", lambda *_: report.Turned(math.radians(8.0), 9.0))
+    said = report.verdict_of_gains(boat, None).sentence
+    assert "turns lead past" in said and "guidance.rudder_share below 1)" in said
 
 
 def test_large_errors_and_the_worst_boat_are_reported(capsys: pytest.CaptureFixture[str]) -> None:

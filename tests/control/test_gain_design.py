@@ -26,7 +26,7 @@ from autopilot.control.design import (
     margins,
     worst_margins,
 )
-from autopilot.control.front import AS_MODELLED, CALM, SLOW_WORST, cost
+from autopilot.control.front import AS_MODELLED, CALM, SLOW_WORST, bandwidth_of, cost
 from autopilot.control.law import NO_ROLL, LawInput, LoopGains
 from autopilot.control.pid import equivalent_pid
 from autopilot.control.sliding_heading import linear_gains_sliding, sliding_of
@@ -34,7 +34,7 @@ from autopilot.errors import RefusedError
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, verdict_of
-from autopilot.runtime.tuning import afloat_of, bandwidths_of, front_of, offs_of
+from autopilot.runtime.tuning import afloat_of, bandwidths_of, bears_speeds, front_of, offs_of
 from autopilot.signals import NavState, Reference
 from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
@@ -391,6 +391,18 @@ def test_behind_a_compass_alone_the_levels_end_where_a_calm_shows_nothing_for_mo
     rms = [float(np.sqrt(np.mean([one.heading**2 for one in each]))) for each in calm]
     assert rms[1] > rms[0]
     assert all(after.travel > 1.3 * before.travel for before, after in zip(*calm, strict=True))
+
+
+def test_thrusters_wear_nothing_and_hold_as_quickly_as_they_may() -> None:
+    """The middle level spares no gear; every level keeps the margins that a verdict asks for, but those above it."""
+    vessel = load_vessel("blueboat")
+    levels, rows = bandwidths_of(vessel), front_of(vessel)
+    middle = rows[4].bandwidth
+    assert bears_speeds(vessel, middle) and not bears_speeds(vessel, 1.2 * middle)
+    assert bandwidth_of(5, levels) < middle
+    assert rows[0].bandwidth < middle < rows[-1].bandwidth
+    geared = replace(vessel, drive=replace(vessel.drive, kind="outboard"))
+    assert front_of(geared)[4].bandwidth == pytest.approx(bandwidth_of(5, bandwidths_of(geared)))
 
 
 @pytest.mark.parametrize("name", ["lanxin", "esso_osaka"])

@@ -147,13 +147,13 @@ def test_the_boat_is_reckoned_under_the_orders_that_are_on_their_way() -> None:
     for tick in range(9):
         observer = ordered(observer, memory, 0.05 * tick, 0.1 if tick >= 4 else 0.0)
     now = NavState(0.4, 0.0, 0.0, 1.0, 0.0, 0.02, 0.0, True)
-    then = when_heard(model, gear, now, (observer, memory), late, 0.0)
+    then = when_heard(model, gear, now, (observer, memory), (late, late), 0.0)
     # at rest but for the bias, and from 0.2 s on under the order, half a step later: r = K (delta + b)(1 - e^-t)
     rest = 0.5 * 0.02 * (1.0 - math.exp(-0.4))
     assert 0.05 * (1.0 - math.exp(-0.15)) < then.rate - rest < 0.05 * (1.0 - math.exp(-0.2))
     assert then.time == now.time
     assert then.rudder == pytest.approx(0.1)
-    pushed = when_heard(model, gear, now, (observer, memory), late, 0.03)
+    pushed = when_heard(model, gear, now, (observer, memory), (late, late), 0.03)
     assert pushed.rate - then.rate == pytest.approx(0.5 * 0.03 * (1.0 - math.exp(-0.4)))
     assert pushed.bias == now.bias, "only what is reckoned ahead goes by it"
 
