@@ -23,9 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from autopilot.angles import wrap
+from autopilot.cli.terminal import columns
 from autopilot.control.registry import TRIAL_LAW
 from autopilot.errors import InputError, RefusedError
-from autopilot.files.printable import aligned
+from autopilot.files.printable import aligned, folded, rewrite_line
 from autopilot.files.saving import save_text
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.identify import identify
@@ -193,7 +194,11 @@ def sail(leg: Leg, vessel: Vessel, out: Path, seed: int) -> Sailed:
         try:
             return _sail_once(leg, vessel, out, seed, pace)
         except RefusedError as error:
-            print(f"{error}: sailed again, slower, as for a busy machine", file=sys.stderr)
+            said = f"{error}: sailed again, slower, as for a busy machine"
+            if sys.stderr.isatty():  # over the progress bar
+                rewrite_line(sys.stderr, folded(said, columns()), "\n")
+            else:
+                print(said, file=sys.stderr)
     return _sail_once(leg, vessel, out, seed, PACES[-1])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 import re
@@ -68,6 +69,26 @@ def test_a_leg_that_a_busy_machine_disturbs_is_sailed_slower_and_slower(
     monkeypatch.setattr(demo_legs, "_sail_once", held_up)
     assert demo_legs.sail(Leg("turn", "pid", ()), load_vessel("lanxin"), tmp_path, 1) == 0.5  # type: ignore[comparison-overlap]
     assert capsys.readouterr().err.count("stood still: sailed again, slower, as for a busy machine\n") == 3
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_what_disturbs_a_leg_is_not_written_behind_the_progress(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def held_up(leg: Leg, vessel: object, out: Path, seed: int, pace: float) -> float:
+        if pace == demo_legs.PACES[0]:
+            raise RefusedError("the loop stood still")
+        return pace
+
+    screen = Screen()
+    monkeypatch.setattr(demo_legs, "_sail_once", held_up)
+    monkeypatch.setattr("sys.stderr", screen)
+    demo_legs.sail(Leg("turn", "pid", ()), load_vessel("lanxin"), tmp_path, 1)
+    assert screen.getvalue() == "\rthe loop stood still: sailed again, slower, as for a busy machine\033[K\n"
 
 
 def stalled(seconds: float) -> list[Tick]:
