@@ -376,6 +376,28 @@ def test_end_points_that_change_while_nobody_steers_are_the_new_scale() -> None:
     assert steering_of(bench.rover.pulse) / 4500 == pytest.approx(0.2 / FULL, abs=0.01) and not said_of_servo(bench)
 
 
+@pytest.mark.parametrize("restored", [False, True])
+def test_a_new_scale_set_in_standby_counts_whatever_changed_while_we_steered(restored: bool) -> None:
+    bench = ready(FS_GCS_TIMEOUT=5.0)
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    changes = (("SERVO1_MAX", 2500.0), ("SERVO1_MAX", 2000.0)) if restored else (("FS_GCS_TIMEOUT", 6.0),)
+    for name, value in changes:
+        bench.rover.parameters[name] = value
+        bench.rover.send(dialect.MAVLink_param_value_message(name.encode(), value, 9, 14, 0))
+        bench.run(0.5)
+    assert bench.helm.available
+    bench.command = RudderCommand(bench.now, 0.0, False)
+    bench.run(2.0)
+    said = said_of_servo(bench)
+    bench.rover.parameters |= {"SERVO1_MAX": 2500.0, "SERVO1_MIN": 500.0}
+    bench.run(60.0)
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    assert steering_of(bench.rover.pulse) / 4500 == pytest.approx(0.2 / FULL, abs=0.01)
+    assert said_of_servo(bench) == said and (not said or said[-1] == "")
+
+
 def test_what_keeps_the_vehicle_from_obeying_is_asked_for_anew_and_named() -> None:
     bench = ready(RC_OPTIONS=0.0)
     bench.command = RudderCommand(bench.now, 0.2, True)
