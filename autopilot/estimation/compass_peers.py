@@ -43,6 +43,7 @@ AGREES = math.radians(10.0)
 AGREES_S, AGREES_MOST = 3.0, 60.0
 """It is well again when it moves and is no further from the other than this [rad] for this time [s]: for twice as long
 each time that it fails, up to the second [s], or one that freezes time and again would be gone back to each time."""
+DOUBLINGS = math.log2(AGREES_MOST / AGREES_S)
 TURNS_S = 20.0
 """What two compasses have turned further than the gyro of one of them is compared over this time [s]."""
 DRIFTS = 2.0 * math.log(100.0)
@@ -245,5 +246,5 @@ class CompassWatch:
             compass.agrees_since = None
         elif compass.agrees_since is None:
             compass.agrees_since = now
-        elif now - compass.agrees_since >= min(AGREES_S * 2.0 ** (compass.failed - 1), AGREES_MOST):
+        elif now - compass.agrees_since >= AGREES_S * 2.0 ** min(compass.failed - 1.0, DOUBLINGS):
             compass.reason = ""

@@ -532,3 +532,17 @@ def test_a_gyro_says_nothing_against_the_compass_of_another(of: str, gyro_of: st
 def test_of_two_that_go_together_none_drifts_whatever_a_gyro_says(gyro_deg_s: float) -> None:
     said, _, steers = parted(0.0, gyro_deg_s=gyro_deg_s, seconds=60.0)
     assert said == [] and steers == {GYRO}
+
+
+def test_a_compass_that_has_failed_for_days_is_gone_back_to_after_a_minute() -> None:
+    watch = CompassWatch(math.inf, frozen=True)
+    for name in (GYRO, FLUXGATE):
+        watch.on_sample(0.0, name, 0.0)
+    watch.accuse(GYRO)
+    watch._compasses[GYRO].failed = 2000
+    back = 0.0
+    for number in range(1, 700):
+        for name in (GYRO, FLUXGATE):
+            watch.on_sample(0.1 * number, name, 0.001 * (number % 2))
+        back = back or (0.1 * number if not watch.reason(GYRO) else 0.0)
+    assert 59.0 <= back <= 62.0
