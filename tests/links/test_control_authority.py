@@ -618,6 +618,16 @@ def test_no_more_is_asked_for_than_a_line_carries_headings_first(baud: int) -> N
     assert baud < 38400 or streams.narrow is None
 
 
+@pytest.mark.parametrize("rate_hz", [20.0, 50.0, 100.0, 200.0])
+@pytest.mark.parametrize("baud", [9600, 19200, 57600, 115200])
+def test_however_many_headings_are_wanted_the_line_is_not_filled(rate_hz: float, baud: int) -> None:
+    streams = MessageStreams(WANTED | {30: rate_hz}, timeout=1.0)
+    streams.carry(baud / 10.0)
+    asked_for = streams.due(0.0)
+    assert bytes_per_s(asked_for) <= 0.75 * baud / 10.0 + 1.0
+    assert 1.0e6 / dict(asked_for)[30] >= 5.0
+
+
 def through(streams: MessageStreams, asked_for: list[tuple[int, int]], line: float, seconds: float) -> None:
     """Bring what was asked for over a line of so many bytes a second; where it is full, what is sent oftenest waits."""
     rates = {identity: 1.0e6 / interval for identity, interval in asked_for}
@@ -651,6 +661,30 @@ def test_a_line_that_turns_out_narrow_is_asked_for_less_until_all_comes() -> Non
     carry(streams, asked_for, 1.0e5, 15.0, 400.0)
     assert {each: round(1.0e6 / interval, 1) for each, interval in asked_for.items()} == WANTED
     assert streams.narrow is None
+
+
+def test_once_a_line_has_room_for_all_nothing_is_asked_for_again() -> None:
+    streams = MessageStreams(WANTED, timeout=1.0)
+    asked_for: dict[int, int] = {}
+    carry(streams, asked_for, 1100.0, 0.0, 12.0)
+    carry(streams, asked_for, 1.0e5, 15.0, 400.0)
+    assert streams.narrow is None
+    begun = streams.checked_at
+    for step in range(1, 100):
+        through(streams, [*asked_for.items()], 1.0e5, 2.0)
+        assert streams.due(begun + 2.0 * step) == []
+
+
+@pytest.mark.parametrize("wanted", [{30: 20.0}, {30: 4.0, 36: 10.0}])
+def test_a_narrow_line_s_rest_is_tried_whatever_is_asked_for(wanted: dict[int, float]) -> None:
+    streams = MessageStreams(wanted, timeout=1.0)
+    streams.due(0.0)
+    streams._fit(60.0)
+    for step in range(1, 40):
+        for identity, rate in streams._rates.items():
+            streams.counts[identity] += round(2.0 * rate)
+        streams.due(2.0 * step)
+    assert streams._rates[30] > 1.2 * (60.0 / 40.0)
 
 
 def test_what_asking_for_less_does_not_mend_is_asked_for_in_full_again() -> None:

@@ -125,7 +125,8 @@ class MessageStreams:
         self._room, wanted, cost = room, self._wanted, self._cost
         least = {each: LEAST_SHARE * rate for each, rate in wanted.items()}
         first = next(iter(wanted))
-        least[first] = max(least[first], min(self._least / ENOUGH, wanted[first]))
+        # of headings what is needed, or 200 Hz of them would fill a line alone
+        least[first] = min(self._least / ENOUGH, wanted[first]) or least[first]
         left = max(room - sum(least[each] * cost[each] for each in wanted), 0.0)
         given = {}
         for each, rate in wanted.items():
@@ -167,7 +168,7 @@ class MessageStreams:
         elif self._is_tried and not all_come:
             self._fit(self._room / MORE)
             self._more_s *= 2.0
-        elif self._room < self._carries and now - self._fitted_at > self._more_s and all_come:
+        elif self.narrow and self._room < self._carries and now - self._fitted_at > self._more_s and all_come:
             self._fit(min(MORE * self._room, self._carries))
             self._is_tried, self._full_checks, self._fitted_at = True, 0, now
             return True
