@@ -398,6 +398,23 @@ def test_a_new_scale_set_in_standby_counts_whatever_changed_while_we_steered(res
     assert said_of_servo(bench) == said and (not said or said[-1] == "")
 
 
+@pytest.mark.parametrize("moved", [("SERVO1_FUNCTION", "SERVO2_FUNCTION"), ("SERVO2_FUNCTION", "SERVO1_FUNCTION")])
+def test_a_parameter_file_that_moves_the_steering_to_another_servo_ends_it(moved: tuple[str, str]) -> None:
+    """A ground station that writes a file tells of each value as it comes; what comes first is no change."""
+    bench = ready()
+    bench.command = RudderCommand(bench.now, 0.2, True)
+    bench.run(1.0)
+    values = {"SERVO1_FUNCTION": 0.0, "SERVO2_FUNCTION": 26.0}
+    written = {name: values[name] for name in moved}
+    written |= {"SERVO2_MIN": 1050.0, "SERVO2_TRIM": 1550.0, "SERVO2_MAX": 2050.0, "SERVO2_REVERSED": 0.0}
+    bench.rover.parameters |= written
+    for name, value in written.items():
+        bench.rover.send(dialect.MAVLink_param_value_message(name.encode(), value, 9, 14, 0))
+    bench.run(0.5)
+    assert not bench.helm.available and "SERVO1_FUNCTION was changed from 26 to 0" in bench.helm.reason
+    assert said_of_servo(bench) == []
+
+
 def test_what_keeps_the_vehicle_from_obeying_is_asked_for_anew_and_named() -> None:
     bench = ready(RC_OPTIONS=0.0)
     bench.command = RudderCommand(bench.now, 0.2, True)

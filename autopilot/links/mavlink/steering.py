@@ -344,6 +344,8 @@ class SteeringOutput:
         number, channel, ends = parameters.steering_input, channel_of(parameters), _ends_of(parameters)
         if self._kept.keys() != ends.keys() or not (is_steered or self.changed):
             self._kept = ends
+        # what comes first is no change
+        self._kept = {name: ends[name] if old is None else old for name, old in self._kept.items()}
         pairs = ((name, old, ends[name]) for name, old in self._kept.items())
         changes = [f"{name} was changed from {old:g} to {new:g}" for name, old, new in pairs if old != new]
         self.changed = "" if self._scale is not None else ", ".join(changes)
