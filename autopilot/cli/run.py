@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from autopilot.control.registry import TRIAL_LAW, filed_laws
 from autopilot.errors import InputError
-from autopilot.files.printable import rewrite_line
+from autopilot.files.printable import folded, rewrite_line
 from autopilot.signals import Tick
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Steer until the duration is over, a signal comes or the skipper quits."""
     from autopilot.cli.options import named_vessel
     from autopilot.cli.steering import Voyage, plan_of, steer
-    from autopilot.cli.terminal import TypedLines
+    from autopilot.cli.terminal import TypedLines, columns
     from autopilot.guidance.plotter import PlotterGuide
     from autopilot.links.north import MAGNETIC_LEADS
     from autopilot.operators.skipper import (
@@ -156,7 +156,7 @@ def run(arguments: argparse.Namespace) -> int:
         shown = [HELP, FOLLOW_HELP, ROUTE_HELP, WIND_HELP, MOB_HELP]
         shown += [SWING_HELP] * (vessel.drive.kind == "two_thrusters") + [LEARN_HELP] * arguments.learn  # fmt: skip
         skipper.help = f"{'  '.join(shown)}\n{PATTERN_HELP}"
-        print(skipper.help)
+        print(folded(skipper.help, columns(), 0))
     elif sys.stdin is not None and is_pipe(sys.stdin):
         print(NOT_READ, flush=True)
 

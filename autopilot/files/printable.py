@@ -107,7 +107,7 @@ def _in_lines(name: str, width: int) -> list[str]:
 _LONG_WORD = re.compile(rf"\S{{{WORD + 1},}}")
 
 
-_NO_PROSE = re.compile(r"""\s*[{\["'$]|.*(\S {2}| --|\t)""")
+_NO_PROSE = re.compile(r"""\s*[{\["'$]| {13}|.*(\S {2}|\t|\b(autopilot|sitl|pip|sudo) .*--)""")
 """Lines that are left as they are: JSON, tables, and commands that somebody may copy."""
 
 
@@ -185,7 +185,8 @@ def terminal_of(stream: Any) -> Any:
 def rewrite_line(stream: Any, line: str, end: str = "") -> None:
     """Write `line` over the present line of a terminal."""
     terminal = terminal_of(stream)
-    terminal.write(f"\r{escaped(line, KEPT)}\033[K{end}")
+    shown = escaped(line, KEPT).replace("\n", "\033[K\n")  # of a text of several lines too none is left of what stood
+    terminal.write(f"\r{shown}\033[K{end}")
     terminal.flush()
 
 

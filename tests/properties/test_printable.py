@@ -55,7 +55,7 @@ def test_on_a_terminal_words_stay_whole_and_all_are_there(words: list[str], widt
     try:
         termios.tcsetwinsize(slave, (24, width))
         with open(slave, "w", closefd=False) as terminal:
-            prose = " ".join(words).replace(" --", " ")
+            prose = " ".join(words)
             for said in (prose, f"   {prose}"):
                 PrintableStream(terminal).write(f"{said}\n")
                 terminal.flush()
@@ -69,10 +69,17 @@ def test_on_a_terminal_words_stay_whole_and_all_are_there(words: list[str], widt
         os.close(slave)
 
 
-@pytest.mark.parametrize("line", ["K  0.6805  0.0078 and on", '  "words": "of JSON",', "autopilot run a.yaml --link b"])
+@pytest.mark.parametrize(
+    "line", ["K  0.6805  0.0078 and on", f"{' ' * 30}head", '  "words": "of JSON",', "autopilot run a.yaml --link b"]
+)
 def test_tables_json_and_commands_to_copy_are_not_broken(line: str) -> None:
     assert folded(line, 20) == line
-    assert folded("prose that has no such marks", 20) == "prose that has no\nsuch marks"
+    assert folded("prose: --level chooses among nine", 20) == "prose: --level\nchooses among nine"
+
+
+def test_of_several_lines_none_leaves_what_stood_there(capsys: pytest.CaptureFixture[str]) -> None:
+    rewrite_line(sys.stdout, "short\nlonger", "\n")
+    assert capsys.readouterr().out == "\rshort\033[K\nlonger\033[K\n"
 
 
 @given(
@@ -163,7 +170,8 @@ def test_our_own_control_characters_reach_the_terminal_and_no_others(monkeypatch
     stream = PrintableStream(terminal)
     rewrite_line(stream, f"heading {HOSTILE}")
     shown = terminal.getvalue()
-    assert shown.startswith("\rheading \\x1b[31m") and shown.endswith("\x1b[K") and shown.count("\x1b") == 1
+    assert shown.startswith("\rheading \\x1b[31m") and shown.endswith("\x1b[K")
+    assert shown.count("\x1b") == shown.count("\x1b[K") == 1 + shown.count("\n")
     monkeypatch.setattr(sys, "stdout", stream)
     StatusLine().end()
     assert terminal.getvalue().endswith("\r\x1b[K")
