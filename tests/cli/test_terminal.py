@@ -220,9 +220,9 @@ def test_orders_typed_slowly_under_a_running_status_line(tmp_path: Path) -> None
         assert len(status) > 5
         assert max(map(len, status)) < 80
         at.type("\x03")
-        last = at.until(r"no log was kept")
+        last = at.until(r"no log\s+was kept")
         # how well it was steered is said of a course that was come to: not of a second
-        assert re.search(r"ended by Ctrl-C: rudder released.*; steered \d+ s, last course 100", last)
+        assert re.search(r"ended by Ctrl-C: rudder released.*; steered \d+ s, last course 100", last, re.DOTALL)
         assert at.pilot.wait(60) == 0
         assert at.modes() == at.before
     finally:
