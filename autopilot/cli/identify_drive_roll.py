@@ -56,6 +56,7 @@ def identified_by_thrust(
     from autopilot.identification.drive_effect import fit_drive, predict_drive
     from autopilot.identification.verdict import verdict_by_thrust
 
+    _check_thrusters(vessel, (*fitted, *held_out))
     fit = fit_drive(fitted, kind.usual, kind.needs)
     ahead = _forecast(fitted, fit, vessel)
     rows = [
@@ -72,6 +73,23 @@ def identified_by_thrust(
         print(text)
         raise  # as of a boat with a rudder
     return text if arguments.json else f"{text}\n\nWrote the model to {arguments.out}.", verdict
+
+
+def _check_thrusters(vessel: Vessel, runs: Sequence[Run]) -> None:
+    """Raise InputError where a log of ours was sailed by another thrust curve of two thrusters than the file's: it
+    holds the moment that was ordered, and nothing tells what the outputs were."""
+    from autopilot.vessel.file import parse_vessel
+
+    filed = vessel.drive.thrust_exponent, vessel.drive.astern_share
+    for run in runs:
+        if not run.vessel:
+            continue
+        drive = parse_vessel(run.vessel, f"{run.source} (header)").drive
+        if (drive.thrust_exponent, drive.astern_share) != filed:
+            raise InputError(
+                f"{run.source}: sailed with another drive.thrust_exponent or astern_share than the file's, and its "
+                "steering holds for those; give the file that it was sailed with, or sail the trial anew."
+            )
 
 
 def _forecast(runs: Sequence[Run], fit: DriveFit, vessel: Vessel) -> Forecast | None:

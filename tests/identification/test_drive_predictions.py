@@ -11,6 +11,7 @@ import csv
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +21,8 @@ from memory import measured
 from slopes import check_slope
 from thrust_intervals import off_by
 
-from autopilot.cli.main import main
+from autopilot.cli.identify_drive_roll import identified_by_thrust
+from autopilot.cli.main import build_parser, main
 from autopilot.errors import InputError
 from autopilot.identification import drive_effect
 from autopilot.identification.drive_effect import (
@@ -41,6 +43,7 @@ from autopilot.identification.runs import FloatArray, Run, run_from_columns
 from autopilot.identification.verdict import verdict_by_thrust
 from autopilot.models.drives import DRIVES, DriveLaw
 from autopilot.models.steering_gear import SteeringGear
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 A, B, C, D, S, TAU = 2.6, 1.2, 6.0, 0.8, 1.0, 0.8
 STEP, EVERY, LAG = 0.01, 5, 0.15
@@ -313,3 +316,20 @@ def test_identify_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert 0.0 < first["low_deg"] < first["middle_deg"] < first["high_deg"]
     assert main(["identify", *logs, "--vessel", "twin_thruster"]) == 0
     assert "second overshoot of a 20/20 zigzag" in capsys.readouterr().out
+
+
+def identified(exponent: float | None, runs: list[Run]) -> str:
+    shipped = load_vessel("blueboat")
+    vessel = replace(shipped, drive=replace(shipped.drive, thrust_exponent=exponent))
+    found = identified_by_thrust(
+        build_parser().parse_args(["identify", "a.csv", "--vessel", "blueboat"]), vessel, runs, []
+    )
+    assert found is not None
+    return found[0]
+
+
+def test_logs_sailed_by_another_thrust_curve_are_not_identified(runs: list[Run]) -> None:
+    own = [run._replace(vessel=dump_vessel(load_vessel("blueboat"))) for run in runs]
+    assert "K " in identified(None, own)
+    with pytest.raises(InputError, match="another drive"):
+        identified(2.0, own)
