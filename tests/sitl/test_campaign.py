@@ -75,6 +75,7 @@ STUDIES = {
     "pid": replace(STUDY, laws=("pid",), seas={"swell": SEAS["swell"]}, speed_shares=(0.6,)),
     "sliding": replace(STUDY, laws=("sliding",), heading_hz=20),
     "late, coarse compass": replace(STUDY, instruments={"late": SensorsSection(latency_s=0.25, heading_step_deg=0.1)}),
+    "two thrusters": replace(STUDY, boats={"boat": BoatSection("twin_thruster")}, gain_factors=(1.0,)),
     "compass alone": replace(STUDY, gyro=False, seas={"sea": SEAS["sea"]}),
 }
 
