@@ -72,7 +72,6 @@ from autopilot.signals import (
 )
 from autopilot.steering import (
     LONGEST_STEP,
-    Moved,
     SteeringConfig,
     Way,
     idle,
@@ -252,7 +251,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     # thrusters have no gear that might have become slow
     if is_ours and steering.has_gear and not is_measured:
         known = begun_at(present.rudder) if is_new_path else state.rudder.rate
-        estimate, way, rate = with_gear_found(config.steering, (estimate, way), known, moved, present, found)
+        estimate, way, rate = with_gear_found(config.steering, (estimate, way), known, dt, present, found)
     else:
         rate = begun_at(present.rudder)
 
@@ -367,28 +366,27 @@ def with_gear_found(
     config: SteeringConfig,
     boat: tuple[EstimatorState, Way],
     before: RudderRate,
-    moved: Moved,
+    dt: float,
     steady: NavState,
     found: Mapping[str, AlarmEvent],
 ) -> tuple[EstimatorState, Way, RudderRate]:
     """Return what is known of a rudder without a sensor after a tick in which we commanded it; where its gear turns out
     to be another, the rudder is where that would have it, and the rest of the turn is planned with it.
 
-    boat: what is known of the boat, and its way; moved: the last command and the time since. Nothing that is not sure
-    is known where something pushes the boat by more than its rudder can hold, which hides what the rudder does, and
-    lets go at once when it is over; nor where on its course it is in a sea that is not known yet.
+    boat: what is known of the boat, and its way; dt [s]: since the tick before. Nothing that is not sure is known where
+    something pushes the boat by more than its rudder can hold, which hides what the rudder does, and lets go at once
+    when it is over; nor where on its course it is in a sea that is not known yet.
     """
-    (estimate, way), (command, dt), gear, model = boat, moved, config.estimator.gear, boat[0].model
+    (estimate, way), gear, model = boat, config.estimator.gear, boat[0].model
     turns = steady.time < way.guide.turning_until
     is_new = steady.wave_deviation >= WAVE_DEVIATION_FIRST and not estimate.knows_sea
     is_new = is_new and model.time_constant > GEAR_SEA and not turns
     if is_new or "overpowered" in found or not -BIAS_MOST < steady.bias < BIAS_MOST:
         before = begun_at(steady.rudder, before.slower if before.is_sure else 1.0)
-    command = estimate.rudder.effective if estimate.path.late else command
     on_course = way.order.kind is OrderKind.HEADING and not turns
     density, gusty = estimate.fusion.state.intensity.density, config.estimator.noises.usual.gusty_bias
-    sea, limits = (steady.wave_deviation, density, gusty), (gear.angle_max, gear.rate_max)
-    rate = rudder_rate_step(model, before, (steady.rate, command, on_course), sea, limits, dt)
+    sea, steered = (steady.wave_deviation, density, gusty), (steady.rate, estimate.rudder.effective, on_course)
+    rate = rudder_rate_step(model, before, steered, sea, gear, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))

@@ -18,7 +18,7 @@ Gaussian prior of q about 1 and b0 about 0 the posterior's exponent is
 
     2 J_i = [int (y - q u_i - b0)^2 dt + N ((q - 1)/SIGMA_Q)^2 + N (b0/SIGMA_B)^2]/N,   at its least over q and b0,
 
-N the intensity of what no gear explains: NOISE of the rudder hard over, and what the best leaves. One gear is so much
+N the intensity of what no gear explains: NOISE of rudder, and what the best leaves. One gear is so much
 more likely than another as their J differ; a gear is gone by where that is more than LIKELIER against the one in force.
 A rudder that rests, or moves slowly, moves alike with any gear and tells nothing; what was seen before fades.
 
@@ -52,7 +52,7 @@ from autopilot.estimation.tuning import (
     WAVE_DEVIATION_FIRST,
 )
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear, gear_step
+from autopilot.models.steering_gear import SteeringGear, gear_step, lag_share
 
 
 class Ring(Protocol):
@@ -280,28 +280,29 @@ def rudder_rate_step(
     before: RudderRate,
     steered: tuple[float, float, bool],
     sea: tuple[float, float, float],
-    limits: tuple[float, float],
+    filed: SteeringGear,
     dt: float,
 ) -> RudderRate:
-    """Return what is known `dt` [s] later. steered: the boat's rate [rad/s] and the rudder's command [rad] since, and
+    """Return what is known `dt` [s] later. steered: the boat's rate [rad/s] and the order [rad] in effect since, and
     whether it is on its course, where the rudder answers the sea. sea: the waves' deviation [rad], the density of the
-    gusts and the most there may be [rad^2/s]. limits: the rudder's angle [rad] and filed rate [rad/s].
+    gusts and the most there may be [rad^2/s]. filed: the steering gear by the file, whose lag each of them has.
 
     What pushes the boat about, such waves or a good share of those gusts, lasts longer than the mean of y, and what the
     boat does says as much less.
     """
     gears, last, damped, time, found, squared, slower, is_sure = before
-    (rate, command, on_course), (waves, density, gusty), (angle_max, rate_max) = steered, sea, limits
+    (rate, command, on_course), (waves, density, gusty) = steered, sea
+    rate_max = filed.rate_max
     gain, time_constant, n3, n2, n1, n0, _ = model
     if not dt > 0.0 or not rate_max < math.inf or n1 <= 0.0:
         return before
-    reach = rate_max * dt
+    reach, comes = rate_max * dt, lag_share(filed, dt)
     if time == 0.0:
         rests = (
-            _at_rest(gears[0], command, reach / SLOWER[0]),
-            _at_rest(gears[1], command, reach / SLOWER[1]),
-            _at_rest(gears[2], command, reach / SLOWER[2]),
-            _at_rest(gears[3], command, reach / SLOWER[3]),
+            _at_rest(gears[0], command, (reach / SLOWER[0], comes)),
+            _at_rest(gears[1], command, (reach / SLOWER[1], comes)),
+            _at_rest(gears[2], command, (reach / SLOWER[2], comes)),
+            _at_rest(gears[3], command, (reach / SLOWER[3], comes)),
         )
         if abs(rests[0][0] - rests[3][0]) < GEAR_PLAY:
             return RudderRate(rests, math.nan, 0.0, 0.0, 0.0, 0.0, slower, is_sure)
@@ -312,10 +313,10 @@ def rudder_rate_step(
         # nothing has moved yet: each gear begins in balance with what the boat does
         last, damped = rate, damping
         gears = (
-            _in_balance(gears[0], command, reach / SLOWER[0], gain),
-            _in_balance(gears[1], command, reach / SLOWER[1], gain),
-            _in_balance(gears[2], command, reach / SLOWER[2], gain),
-            _in_balance(gears[3], command, reach / SLOWER[3], gain),
+            _in_balance(gears[0], command, (reach / SLOWER[0], comes), gain),
+            _in_balance(gears[1], command, (reach / SLOWER[1], comes), gain),
+            _in_balance(gears[2], command, (reach / SLOWER[2], comes), gain),
+            _in_balance(gears[3], command, (reach / SLOWER[3], comes), gain),
         )
     slow = last + share * (rate - last)
     damped += share * (damping - damped)
@@ -326,11 +327,11 @@ def rudder_rate_step(
     dt = dt * lasts / longer if is_swept else dt
     answers = is_swept and on_course
     time, found, squared = kept * time + dt, kept * found + dt * y, kept * squared + dt * y * y
-    floor, push = GEAR_NOISE * gain * angle_max, GEAR_SIGMA_BIAS * gain
+    floor, push = GEAR_NOISE * gain, GEAR_SIGMA_BIAS * gain
     noise = passed * floor * floor
     weight = noise / (GEAR_SIGMA_SHARE * GEAR_SIGMA_SHARE)
-    shared = (command, gain, share, kept, dt, y, weight, time + noise / (push * push), found, squared)
-    filed, cost = _summed(gears[0], reach / SLOWER[0], shared)
+    shared = (command, comes, gain, share, kept, dt, y, weight, time + noise / (push * push), found, squared)
+    usual, cost = _summed(gears[0], reach / SLOWER[0], shared)
     half, cost_half = _summed(gears[1], reach / SLOWER[1], shared)
     quarter, cost_quarter = _summed(gears[2], reach / SLOWER[2], shared)
     eighth, cost_eighth = _summed(gears[3], reach / SLOWER[3], shared)
@@ -348,34 +349,37 @@ def rudder_rate_step(
     is_sure = slower > 1.0 and (is_sure or (least < GEAR_EXPLAINS * cost and 0.5 * (cost - least) / noise > GEAR_SURE))
     # a boat that is held by a wrong gear swings, and seems to prove it
     slower = slower if is_sure or not answers else SLOWER[0]
-    return RudderRate((filed, half, quarter, eighth), slow, damped, time, found, squared, slower, is_sure)
+    return RudderRate((usual, half, quarter, eighth), slow, damped, time, found, squared, slower, is_sure)
 
 
-def _moved(angle: float, command: float, reach: float) -> float:
-    left = command - angle
+def _moved(angle: float, command: float, goes: tuple[float, float]) -> float:
+    """Return where a rudder goes [rad] by `command` that goes no further than the first [rad], by its lag such a share
+    of the way."""
+    reach, share = goes
+    left = share * (command - angle)
     return angle + (-reach if left < -reach else reach if left > reach else left)
 
 
-def _at_rest(gear: Gear, command: float, reach: float) -> Gear:
-    return _moved(gear[0], command, reach), 0.0, 0.0, 0.0, 0.0
+def _at_rest(gear: Gear, command: float, goes: tuple[float, float]) -> Gear:
+    return _moved(gear[0], command, goes), 0.0, 0.0, 0.0, 0.0
 
 
-def _in_balance(gear: Gear, command: float, reach: float, gain: float) -> Gear:
-    return gear[0], gain * _moved(gear[0], command, reach), 0.0, 0.0, 0.0
+def _in_balance(gear: Gear, command: float, goes: tuple[float, float], gain: float) -> Gear:
+    return gear[0], gain * _moved(gear[0], command, goes), 0.0, 0.0, 0.0
 
 
 def _summed(
-    gear: Gear, reach: float, shared: tuple[float, float, float, float, float, float, float, float, float, float]
+    gear: Gear, reach: float, shared: tuple[float, float, float, float, float, float, float, float, float, float, float]
 ) -> tuple[Gear, float]:
     """Return the gear a step later, and the least of the module's integral and prior, 2 J N.
 
-    reach [rad]: how far its rudder goes. shared: the command [rad], K, the low-pass's share, what is kept of the sums,
-    the time [s] and y; the prior's weight of q, and the sums over time of 1, the prior's weight of b0 with it, y and
-    y^2.
+    reach [rad]: how far its rudder goes. shared: the order [rad], the share of its way that the lag leaves it, K, the
+    low-pass's share, what is kept of the sums, the time [s] and y; the prior's weight of q, and the sums over time of
+    1, the prior's weight of b0 with it, y and y^2.
     """
     angle, drive, sum_drive, sum_squared, sum_found = gear
-    command, gain, share, kept, dt, y, weight, c, left, squared = shared
-    way_left = command - angle
+    command, comes, gain, share, kept, dt, y, weight, c, left, squared = shared
+    way_left = comes * (command - angle)
     angle += -reach if way_left < -reach else reach if way_left > reach else way_left
     drive += share * (gain * angle - drive)
     b, sum_squared = kept * sum_drive + dt * drive, kept * sum_squared + dt * drive * drive

@@ -220,8 +220,8 @@ def tick(
     gear = config.estimator.gear
     gusty = config.estimator.noises.usual.gusty_bias
     sea = present.wave_deviation, listened.fusion.state.intensity.density, gusty
-    steered = present.rate, pilot_state.command, now >= pilot_state.guide.turning_until
-    rate = rudder_rate_step(model, pilot_state.rate, steered, sea, (gear.angle_max, gear.rate_max), dt)
+    steered = present.rate, listened.rudder.effective, now >= pilot_state.guide.turning_until
+    rate = rudder_rate_step(model, pilot_state.rate, steered, sea, gear, dt)
     gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
     return State(

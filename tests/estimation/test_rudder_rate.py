@@ -10,13 +10,12 @@ import pytest
 
 from autopilot.estimation.rudder_observer import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
-from autopilot.models.steering_gear import SteeringGear
+from autopilot.models.steering_gear import SteeringGear, gear_step
 
 BOAT = Norrbin(0.2, 5.0, 5.0)
 MOST, RATE = math.radians(30.0), math.radians(5.0)
 DT = 0.1
-
-
+FILED = SteeringGear(MOST, RATE)
 CALM = 0.0, 0.0, 1.0
 
 
@@ -27,16 +26,17 @@ def found(
     push: Callable[[float], float] = lambda _: 0.0,
     noise: float = math.radians(0.05),
     size: float = math.radians(20.0),
+    gear: SteeringGear = FILED,
 ) -> tuple[RudderRate, float]:
     """What is known after a square wave of commands, and where the rudder is."""
     random, state, rudder, rate = np.random.default_rng(1), begun_at(0.0), 0.0, 0.0
     for tick in range(round(seconds / DT)):
         now = tick * DT
         command = 0.0 if now < 2.0 else size if now % 30.0 < 15.0 else -size
-        rudder += min(max(command - rudder, -RATE / slower * DT), RATE / slower * DT)
+        rudder = gear_step(gear._replace(rate_max=gear.rate_max / slower), rudder, command, DT)
         rate += DT * yaw_acceleration(boat, rate, rudder + push(now))
         shown = rate + noise * random.standard_normal()
-        state = rudder_rate_step(BOAT, state, (shown, command, False), CALM, (MOST, RATE), DT)
+        state = rudder_rate_step(BOAT, state, (shown, command, False), CALM, gear, DT)
     return state, rudder
 
 
@@ -46,8 +46,15 @@ def test_the_gear_that_turns_the_boat_is_gone_by(slower: float) -> None:
     assert state.slower == slower
     assert state.is_sure is (slower > 1.0)
     assert angle_of(state) == pytest.approx(rudder, abs=math.radians(0.1))
-    gear = SteeringGear(MOST, RATE)
-    assert gone_by(gear, state).rate_max == pytest.approx(RATE / slower)
+    assert gone_by(FILED, state).rate_max == pytest.approx(RATE / slower)
+
+
+@pytest.mark.parametrize("slower", [1.0, 8.0])
+def test_the_lag_that_the_file_knows_is_no_slow_rudder(slower: float) -> None:
+    """A quick gear that comes to its orders by a lag, as thrusters do."""
+    state, rudder = found(slower, 50.0, gear=SteeringGear(MOST, 4.0 * RATE, lag=2.0))
+    assert state.slower == slower
+    assert angle_of(state) == pytest.approx(rudder, abs=math.radians(0.1))
 
 
 @pytest.mark.parametrize("gain", [0.7, 1.4])
@@ -68,5 +75,5 @@ def test_a_rudder_that_hardly_moves_tells_nothing() -> None:
 
 def test_a_course_unstable_boat_and_a_rudder_without_a_rate_are_left_alone() -> None:
     steered = 0.1, MOST, False
-    assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, CALM, (MOST, RATE), DT) is AS_FILED
-    assert rudder_rate_step(BOAT, AS_FILED, steered, CALM, (MOST, math.inf), DT) is AS_FILED
+    assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, CALM, FILED, DT) is AS_FILED
+    assert rudder_rate_step(BOAT, AS_FILED, steered, CALM, SteeringGear(MOST, math.inf), DT) is AS_FILED
