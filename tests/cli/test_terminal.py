@@ -135,6 +135,11 @@ def test_keys_that_another_program_takes_first_keep_nobody_waiting(
     os.close(theirs)
 
 
+def in_one_line(shown: str) -> str:
+    """Return what is shown with its lines joined: sentences are broken between words."""
+    return re.sub(r"(?:\x1b\[K)?\r\n *", " ", shown)
+
+
 class AtTerminal:
     """`autopilot run` on a pseudo-terminal of its own, beside a simulated boat."""
 
@@ -167,7 +172,7 @@ class AtTerminal:
         """Read until the screen has shown `pattern`; return what came."""
         since, end = len(self.shown), time.monotonic() + seconds
         os.set_blocking(self._ours, False)
-        while not re.search(pattern, self.shown[since:]):
+        while not re.search(pattern, in_one_line(self.shown[since:])):
             assert time.monotonic() < end, f"{pattern}\n{self.shown[-3000:]}"
             time.sleep(0.02)
             try:
@@ -176,7 +181,7 @@ class AtTerminal:
                 continue
             except OSError:  # the pilot has ended
                 break
-        return self.shown[since:]
+        return in_one_line(self.shown[since:])
 
     def type(self, text: str) -> None:
         """Press keys."""
