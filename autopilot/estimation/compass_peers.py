@@ -49,8 +49,9 @@ TURNS_S = 20.0
 DRIFTS = 2.0 * math.log(100.0)
 """Two compasses that part have one gyro between them, whose standing error g is the same for both. The one with the
 gyro drifts where (x^2 - y^2)/(sigma TURNS_S)^2 is more than this: that g makes y, what the other has turned further, is
-a hundred times likelier than that it makes x, its own. It says nothing against the other: a heading that is carried on
-by its gyro goes with it, however wrong."""
+a hundred times likelier than that it makes x, its own. Where y^2 is more than that too no sound gyro makes either: it
+has failed, and says nothing. Nor does it say anything against the other: a heading that is carried on by its gyro goes
+with it, however wrong."""
 SILENT_S = 2.0
 """Or when it was silent for so long [s]: it has been switched off and on."""
 FRESH_S = 1.0
@@ -133,8 +134,9 @@ class CompassWatch:
         of, beside = self._compasses.get(name), self._compasses.get(other)
         if of is None or beside is None or not (name in of.unturned and name in beside.unturned):
             return False
-        own, others = of.unturned[name], beside.unturned[name]
-        return own * own - others * others > DRIFTS * RATE_BIAS_UNKNOWN * TURNS_S * TURNS_S
+        own, others = of.unturned[name] ** 2, beside.unturned[name] ** 2
+        most = DRIFTS * RATE_BIAS_UNKNOWN * TURNS_S * TURNS_S
+        return others <= most < own - others
 
     def accuse(self, name: str) -> None:
         """Take it that a compass drifts."""

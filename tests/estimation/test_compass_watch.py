@@ -528,6 +528,15 @@ def test_a_gyro_says_nothing_against_the_compass_of_another(of: str, gyro_of: st
     assert "two compasses disagree" in said[-1]
 
 
+@pytest.mark.parametrize("gyro_deg_s", [-10.0, 10.0])
+@pytest.mark.parametrize("drift_deg_s", [-1.0, 1.0, 2.0, 5.0])
+def test_a_gyro_that_contradicts_both_compasses_accuses_neither(drift_deg_s: float, gyro_deg_s: float) -> None:
+    """The right one was left for the one that drifts, by the word of a gyro that had been found wrong before."""
+    said, _, steers = parted(drift_deg_s, gyro_deg_s=gyro_deg_s, of=FLUXGATE)
+    assert steers == {GYRO} and not any("drifts" in each for each in said)
+    assert "two compasses disagree" in said[-1]
+
+
 @pytest.mark.parametrize("gyro_deg_s", [-5.0, 1.0, 5.0])
 def test_of_two_that_go_together_none_drifts_whatever_a_gyro_says(gyro_deg_s: float) -> None:
     said, _, steers = parted(0.0, gyro_deg_s=gyro_deg_s, seconds=60.0)
