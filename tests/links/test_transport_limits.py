@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import ipaddress
+import math
 import os
 import pty
 import socket
@@ -11,6 +12,7 @@ import termios
 import time
 import tty
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,7 +38,7 @@ from autopilot.links.transports.medium import (
     peer_of,
     resolve,
 )
-from autopilot.links.transports.serial_line import _open_error
+from autopilot.links.transports.serial_line import _open_error, carried
 
 PATIENCE = 5000
 """Milliseconds that the kernel is given to deliver."""
@@ -662,3 +664,15 @@ def test_who_is_at_the_other_end_of_a_listening_link() -> None:
     listening.peer = ("fe80::1%eth0", 50312, 0, 2)
     assert peer_of(listening) == "[fe80::1%eth0]:50312"
     listening.close()
+
+
+@pytest.mark.parametrize(
+    ("device", "bytes_per_s"),
+    [("ttyUSB0", 5760.0), ("ttyAMA0", 5760.0), ("ttyACM0", math.inf), ("cu.usbmodem101", math.inf)],
+)
+def test_a_board_s_own_usb_carries_more_than_its_baud_rate_says(
+    tmp_path: Path, device: str, bytes_per_s: float
+) -> None:
+    (tmp_path / "usb-ArduPilot-if00").symlink_to(tmp_path / device)
+    assert carried(str(tmp_path / device), 57600) == bytes_per_s
+    assert carried(str(tmp_path / "usb-ArduPilot-if00"), 57600) == bytes_per_s

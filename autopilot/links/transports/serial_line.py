@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import glob
+import math
 import os
 import select
 import termios
@@ -54,8 +55,16 @@ def _by_serial_number(name: str, number: str, present: Sequence[Any]) -> str:
 
 BITS_A_BYTE = 10.0
 """Start bit, eight of data, stop bit."""
+BY_USB = ("ttyACM", "cu.usbmodem", "tty.usbmodem")
+"""What a board's own USB is called: no line is behind it, and whatever baud rate is typed means nothing."""
 CHUNK_LIMIT = 4096
 RECEIVE_LIMIT = 64
+
+
+def carried(path: str, baud: int) -> float:
+    """Return how many bytes a second the device `path` carries at most, inf where its `baud` rate does not tell."""
+    device = os.path.realpath(path).rpartition("/")[2]
+    return math.inf if device.startswith(BY_USB) else baud / BITS_A_BYTE
 
 
 class SerialTransport(Transport):
@@ -70,13 +79,13 @@ class SerialTransport(Transport):
     """Nobody knows what is plugged in: a telemetry radio is open to everybody in its range."""
 
     bytes_per_s: float
-    """What the line carries at most."""
+    """What the line carries at most, inf where nobody knows."""
 
     def __init__(self, name: str, path: str, baud: int) -> None:
         self.name = name
         self.baud = baud
-        self.bytes_per_s = baud / BITS_A_BYTE
         self._path = path = device_of(name, path)
+        self.bytes_per_s = carried(path, baud)
         self._closed = False
         self._chunks = WholeChunks(self._push)
         try:
