@@ -187,7 +187,8 @@ def _rssi(firmware: Firmware) -> int:
 def sys_status(firmware: Firmware, time: float, reading: Reading) -> Any:
     """SYS_STATUS: mV, hundredths of an ampere, load in tenths of a per cent.
 
-    ArduRover sets no bit for the radio receiver (Rover/GCS_Rover.cpp), other vehicles of ArduPilot do.
+    ArduRover sets no bit for the radio receiver (Rover/GCS_Rover.cpp), other vehicles of ArduPilot do. There is no
+    safety switch, which alone would have the outputs not enabled (libraries/GCS_MAVLink/GCS.cpp).
     """
     fitted = (
         dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
@@ -204,9 +205,8 @@ def sys_status(firmware: Firmware, time: float, reading: Reading) -> Any:
         left = effect(fault, left)
     fitted |= dialect.MAV_SYS_STATUS_SENSOR_BATTERY
     failed |= dialect.MAV_SYS_STATUS_SENSOR_BATTERY if left != FULL_PERCENT else 0
-    enabled = fitted if firmware.armed else fitted & ~dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
     return dialect.MAVLink_sys_status_message(
-        *(fitted, enabled, fitted & ~failed, 120, battery_mv(left)),
+        *(fitted, fitted, fitted & ~failed, 120, battery_mv(left)),
         *(100 + 20 * abs(firmware.throttle), round(left), 0, 0, 0, 0, 0, 0),
     )
 

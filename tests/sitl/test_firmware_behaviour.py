@@ -388,6 +388,17 @@ def test_overrides_keep_a_silent_radio_alive_and_the_throttle_where_it_was(bench
     assert boat.last("HEARTBEAT").custom_mode == 4, "without overrides the fail-safe acts"
 
 
+def test_a_vehicle_that_is_disarmed_has_no_safety_switch_on(bench: MakeBench) -> None:
+    """ArduPilot has its outputs enabled but for that switch, armed or not (libraries/GCS_MAVLink/GCS.cpp)."""
+    boat = bench()
+    for is_armed in (True, False):
+        boat.firmware.set_armed(is_armed)
+        boat.forget()
+        boat.run(2.0)
+        assert boat.firmware.armed is is_armed
+        assert boat.last("SYS_STATUS").onboard_control_sensors_enabled & dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+
+
 def test_a_receiver_that_sends_low_throttle_fails_safe_under_overrides_too(bench: MakeBench) -> None:
     boat = bench()
     over(boat, 1.0, 1600)
