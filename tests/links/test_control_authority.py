@@ -663,6 +663,29 @@ def test_a_line_that_turns_out_narrow_is_asked_for_less_until_all_comes() -> Non
     assert streams.narrow is None
 
 
+@pytest.mark.parametrize("hours", [0.1, 1.0, 6.0])
+def test_a_line_that_was_narrow_for_hours_is_used_in_full_within_minutes(hours: float) -> None:
+    streams = MessageStreams(WANTED, timeout=1.0)
+    asked_for: dict[int, int] = {}
+    carry(streams, asked_for, 1100.0, 0.0, 3600.0 * hours)
+    assert streams.narrow is not None
+    carry(streams, asked_for, 1.0e5, streams.checked_at, 3600.0 * hours + 360.0)
+    assert streams.narrow is None
+
+
+def test_a_try_that_fails_says_nothing_new() -> None:
+    """Each change of the notice is a text to ground stations, over the line that has no room."""
+    streams = MessageStreams(WANTED, timeout=1.0)
+    asked_for: dict[int, int] = {}
+    carry(streams, asked_for, 1100.0, 0.0, 600.0)
+    said, tried = streams.narrow, 0
+    for _ in range(600):
+        carry(streams, asked_for, 1100.0, streams.checked_at, streams.checked_at + 2.0)
+        tried += streams._is_tried
+        assert streams.narrow == said
+    assert tried > 2
+
+
 def test_once_a_line_has_room_for_all_nothing_is_asked_for_again() -> None:
     streams = MessageStreams(WANTED, timeout=1.0)
     asked_for: dict[int, int] = {}

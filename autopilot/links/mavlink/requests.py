@@ -34,6 +34,8 @@ FEW_LOST = 0.1
 MORE, MORE_S, ALL_COME = 1.2, 20.0, 0.9
 """Room that was found too little is tried for so many times as much after so long, where this share of all comes;
 where it does not then, after twice as long again."""
+MORE_MOST_S = 100.0 * CHECK_S
+"""A try that fails fills the line until the next check: one per cent of the time at most."""
 OFTEN_HZ = 5.0
 """Of slower streams a check sees too few."""
 FRAME_BYTES = 12
@@ -109,7 +111,7 @@ class MessageStreams:
         self._settled = False
         self._rounds = OPTIONAL_ROUNDS
         self.lost = self.came = self._full_checks = 0
-        self._fitted_at, self._more_s, self._is_tried = -math.inf, MORE_S, False
+        self._fitted_at, self._more_s = -math.inf, MORE_S
         self._came_before = 0.0
         self._fit(self._carries)
         self.counts = dict.fromkeys(self._rates, 0)
@@ -120,8 +122,9 @@ class MessageStreams:
         self._carries = LINE_SHARE * bytes_per_s
         self._fit(self._carries)
 
-    def _fit(self, room: float) -> None:
-        """Ask for what `room` [B/s] is enough for: a share of each, and of the rest the most wanted first."""
+    def _fit(self, room: float, is_tried: bool = False) -> None:
+        """Ask for what `room` [B/s] is enough for: a share of each, and of the rest the most wanted first; what is only
+        tried is not said yet."""
         self._room, wanted, cost = room, self._wanted, self._cost
         least = {each: LEAST_SHARE * rate for each, rate in wanted.items()}
         first = next(iter(wanted))
@@ -132,7 +135,9 @@ class MessageStreams:
         for each, rate in wanted.items():
             given[each] = min(least[each] + left / cost[each], rate)
             left = max(left - (given[each] - least[each]) * cost[each], 0.0)
-        self._rates = given
+        self._rates, self._is_tried = given, is_tried
+        if is_tried:
+            return
         less = f"headings at {given[first]:.0f} Hz of {wanted[first]:.0f}" if given[first] < wanted[first] else ""
         others = (
             f"headings at {wanted[first]:.0f} Hz, the rest less often"
@@ -167,15 +172,16 @@ class MessageStreams:
             self._fit(LINE_SHARE * sum(rate * self._cost[each] for each, rate in brought.items()))
         elif self._is_tried and not all_come:
             self._fit(self._room / MORE)
-            self._more_s *= 2.0
+            self._more_s = min(2.0 * self._more_s, MORE_MOST_S)
         elif self.narrow and self._room < self._carries and now - self._fitted_at > self._more_s and all_come:
-            self._fit(min(MORE * self._room, self._carries))
-            self._is_tried, self._full_checks, self._fitted_at = True, 0, now
-            return True
+            self._fit(min(MORE * self._room, self._carries), is_tried=True)
         else:
-            self._is_tried = False
+            if self._is_tried:
+                # where there was more room there may be more yet
+                self._more_s = MORE_S
+                self._fit(self._room)
             return False
-        self._is_tried, self._full_checks, self._fitted_at = False, 0, now
+        self._full_checks, self._fitted_at = 0, now
         return True
 
     def due(self, now: float) -> list[tuple[int, int]]:
