@@ -43,8 +43,9 @@ class PilotConfig(NamedTuple):
     for this where steerage_over_ground says so. law: how the model goes with speed and thrust; drive: what it needs to
     steer, and what throttle leaves it. roll: the rudder damps roll too, while that helps; None: it does not.
     dead_band [rad]: on a course the rudder rests until it is wrong by more. loop_delay [s]: so late an order comes to
-    the gear by the file, and path_delay [s], nan: not known, as it was measured before; delay_margin [s]: the law's.
-    thruster: a bow thruster that holds the heading where the rudder waits; None: there is none.
+    the gear by the file, and path_delay [s], nan: not known, as it was measured before; shows_path: whether
+    the rudder tells it; delay_margin [s]: the law's. thruster: a bow thruster that holds
+    the heading where the rudder waits; None: there is none.
     """
 
     model: Norrbin
@@ -66,6 +67,7 @@ class PilotConfig(NamedTuple):
     steers_by: Needs = Needs.WAY
     loop_delay: float = 0.0
     path_delay: float = math.nan
+    shows_path: bool = True
     delay_margin: float = math.inf
     thruster: BowThruster | None = None
 
@@ -108,6 +110,7 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
             config.steerage,
             config.law,
             config.loop_delay,
+            config.shows_path,
         ),
         limits=config.limits,
         dead_band=config.dead_band,

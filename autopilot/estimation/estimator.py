@@ -77,7 +77,8 @@ class Taken(NamedTuple):
 class EstimatorConfig(NamedTuple):
     """Model at the trial's speed, steering gear and noise. Slower than `steerage` [m/s], and astern, the rudder tells
     nothing of the bias: it stays what it was. law: how the model goes with speed and thrust. loop_delay [s]: so late an
-    order comes to the gear by the file."""
+    order comes to the gear by the file. shows_path: the rudder tells how late orders come; that of on/off valves rests
+    in a zone about them, which looks like lateness."""
 
     model: Norrbin
     gear: SteeringGear
@@ -85,6 +86,7 @@ class EstimatorConfig(NamedTuple):
     steerage: float = 0.0
     law: DriveLaw = RUDDER_LAW
     loop_delay: float = 0.0
+    shows_path: bool = True
 
 
 class Beliefs(NamedTuple):
@@ -302,6 +304,8 @@ def with_rudder_shown(
 ) -> tuple[RudderObserver, PathDelay]:
     """Return what is known of the rudder and of the path to it after a sample that was looked at."""
     (time, angle, is_order, _), ticks = sample, rudder.ticks
+    if not config.shows_path:
+        return (rudder if is_order else with_feedback(rudder, time if time < now else now, angle)), path
     orders = memory.times, memory.commands, ticks
     if is_order:
         # the steering gear shows which of our orders it is at

@@ -287,6 +287,7 @@ def pilot_config(vessel: Vessel, law: str | None = None) -> PilotConfig:
         steers_by=DRIVES[vessel.drive.kind].needs,
         loop_delay=vessel.control.loop_delay_s,
         path_delay=math.nan if vessel.control.path_delay_s is None else vessel.control.path_delay_s,
+        shows_path=vessel.drive.valve is None,
         delay_margin=delay_margin_of(vessel, law),
         thruster=bow_thruster_of(vessel),
     )

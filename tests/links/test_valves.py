@@ -193,7 +193,7 @@ def test_a_course_is_held_and_turned_to_with_valves(sensor: int | None) -> None:
     near, far = loopback_pair()
     instruments = NmeaLink(near, nmea_settings_of(bench.vessel, parse_url("nmea:/dev/x:38400?steer=no")))
     pilot = build_pilot(bench.vessel)
-    worst, opened = 0.0, 0
+    worst, opened, alarms = 0.0, 0, set()
     for number in range(round(120.0 / STEP)):
         samples = bench.carry()
         for data in compass.transmit(bench.now):
@@ -203,12 +203,14 @@ def test_a_course_is_held_and_turned_to_with_valves(sensor: int | None) -> None:
         tick = pilot.step(bench.now, tuple(samples), Order(OrderKind.HEADING, course, serial=int(course > 0)))  # type: ignore[arg-type]
         bench.link.send(bench.now, tick.command)
         bench.link.poll(bench.now)
+        alarms.update(alarm.name for alarm in tick.alarms)
         if number * STEP % 60.0 > 40.0:
             worst = max(worst, abs(math.degrees(wrap(bench.world.boat.state.heading - course))))
         else:
             opened = bench.board.openings
     assert tick.mode is Mode.ENGAGED
     assert worst < 2.0
+    assert alarms == {"cannot_engage"}, "a rudder that rests in its dead zone is no late line"
     assert bench.board.openings - opened < 15, "in 20 s"
 
 
