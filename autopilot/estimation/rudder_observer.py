@@ -18,7 +18,7 @@ Gaussian prior of q about 1 and b0 about 0 the posterior's exponent is
 
     2 J_i = [int (y - q u_i - b0)^2 dt + N ((q - 1)/SIGMA_Q)^2 + N (b0/SIGMA_B)^2]/N,   at its least over q and b0,
 
-N the intensity of what no gear explains: NOISE of rudder, and what the best leaves. One gear is so much
+N the intensity of what no gear explains: NOISE of the rudder hard over, and what the best leaves. One gear is so much
 more likely than another as their J differ; a gear is gone by where that is more than LIKELIER against the one in force.
 A rudder that rests, or moves slowly, moves alike with any gear and tells nothing; what was seen before fades.
 
@@ -327,7 +327,7 @@ def rudder_rate_step(
     dt = dt * lasts / longer if is_swept else dt
     answers = is_swept and on_course
     time, found, squared = kept * time + dt, kept * found + dt * y, kept * squared + dt * y * y
-    floor, push = GEAR_NOISE * gain, GEAR_SIGMA_BIAS * gain
+    floor, push = GEAR_NOISE * gain * filed.angle_max, GEAR_SIGMA_BIAS * gain
     noise = passed * floor * floor
     weight = noise / (GEAR_SIGMA_SHARE * GEAR_SIGMA_SHARE)
     shared = (command, comes, gain, share, kept, dt, y, weight, time + noise / (push * push), found, squared)
