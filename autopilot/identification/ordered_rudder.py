@@ -8,7 +8,10 @@ the first order of its n3, explains the rate of turn best:
     r = a x + b y + c x' + e,   T x' = U d/U0 - x,   T y' = x^3 - y,
 
 linear in a, b, c and e; T and a delay are searched. c x' is what a lateness between the delays that are tried adds, to
-first order; what goes with exp(-t/T) is left out, for nobody knows how the boat turned before a stretch began. The
+first order. What goes with exp(-t/T) is left out, for nobody knows how the boat turned before a stretch began; so is
+what goes with where a slow rudder stood then, which after a gap may be anywhere between the largest orders: to first
+order the response to a rudder from one side of them less that to one from the other. That is a number more for each
+stretch than the filed rate has, and is worth one in the logarithm of the likelihood (Akaike 1974). The
 regressors know nothing of the measured motion, so that its noise biases nothing. A heading alone is differentiated, and
 it and the regressors are averaged alike. Delay and lag of the train compete: the filed rate is tried with a few of
 both, so that a rudder that is merely late is not called slow. The evidence is the ratio of likelihoods of white
@@ -118,7 +121,7 @@ def slower_rudder(
     )
     rate = math.exp(float(found.x))
     here = _at_rate(series, rate)
-    if not 0.5 * here.independent * math.log(as_filed.square / here.square) > SURE:
+    if not 0.5 * here.independent * math.log(as_filed.square / here.square) > SURE + len(series):
         return None
     beside = [math.log(_at_rate(series, rate * math.exp(side * BESIDE)).square) for side in (-1.0, 1.0)]
     bend = 0.5 * here.independent * (sum(beside) - 2.0 * math.log(here.square)) / (BESIDE * BESIDE)
@@ -230,7 +233,7 @@ def _at_rate(series: Sequence[_Series], rate: float) -> _Misfit:
 
 def _misfit(series: Sequence[_Series], rate_max: float, late: float, lag: float) -> _Misfit:
     """Return the misfit with the best time constant."""
-    driven = [_driven(each, rate_max, late, lag) for each in series]
+    driven = [(_driven(each, rate_max, late, lag), _unknown(each, rate_max, late)) for each in series]
     squares = [_square(series, driven, float(time)) for time in TIMES]
     best = int(np.argmin(squares))
     bounds = (math.log(TIMES[max(best - 1, 0)]), math.log(TIMES[min(best + 1, len(TIMES) - 1)]))
@@ -245,31 +248,56 @@ def _misfit(series: Sequence[_Series], rate_max: float, late: float, lag: float)
 
 def _driven(series: _Series, rate_max: float, late: float, lag: float) -> FloatArray:
     """Return the rudder, at this rate, late and lagging, times the speed."""
-    dt, _, moved, speed, _ = series
+    dt, moved = series.dt, series.rudder
     if math.isfinite(rate_max):
         moved = rate_limited(dt * np.arange(float(moved.size)), moved, rate_max)
     if lag > 0.0:
         moved = _low_pass(moved, dt, lag)
+    return _turning(series, moved, late)
+
+
+def _unknown(series: _Series, rate_max: float, late: float) -> FloatArray | None:
+    """Return what `_driven` may be off by from a beginning at another angle than ordered; None at any rate."""
+    if not math.isfinite(rate_max):
+        return None
+    time, orders = series.dt * np.arange(float(series.rudder.size)), series.rudder
+    high, low = (
+        rate_limited(time, np.concatenate([[side], orders[1:]]), rate_max) for side in (np.max(orders), np.min(orders))
+    )
+    return _turning(series, high - low, late)
+
+
+def _turning(series: _Series, moved: FloatArray, late: float) -> FloatArray:
+    """Return the rudder `moved` so much `late`, times the speed."""
+    dt, speed = series.dt, series.speed
     if late > 0.0:
         times = np.arange(moved.size)
         moved = np.interp(times - late / dt, times, moved)
     return moved * speed / max(float(np.mean(speed)), 0.1)
 
 
-def _square(series: Sequence[_Series], driven: Sequence[FloatArray], time: float) -> float:
+Driven = Sequence[tuple[FloatArray, FloatArray | None]]
+"""Of each stretch what `_driven` and `_unknown` say."""
+
+
+def _square(series: Sequence[_Series], driven: Driven, time: float) -> float:
     residual = _residual(series, driven, time)
     return float(np.mean(residual * residual))
 
 
-def _residual(series: Sequence[_Series], driven: Sequence[FloatArray], time: float) -> FloatArray:
+def _residual(series: Sequence[_Series], driven: Driven, time: float) -> FloatArray:
     tables = []
-    for each, rudder in zip(series, driven, strict=True):
+    for each, (rudder, unknown) in zip(series, driven, strict=True):
         x = _low_pass(rudder, each.dt, time)
         y = _low_pass(x**3, each.dt, time)
         begin = np.exp(-each.dt / time * np.arange(x.size))
         columns = (x, y, (rudder - x) / time, np.ones_like(x), begin)
-        averaged = [_mean_of(column, each.averaged) for column in columns]
-        tables.append(_without_begin(np.column_stack([*averaged[:-1], each.rate]), averaged[-1]))
+        *averaged, begin = (_mean_of(column, each.averaged) for column in columns)
+        table = _without(np.column_stack([*averaged, each.rate]), begin)
+        if unknown is not None:
+            stood = _mean_of(_low_pass(unknown, each.dt, time), each.averaged)
+            table = _without(table, _without(stood[:, None], begin)[:, 0])
+        tables.append(table)
     table = np.vstack(tables)
     regressors, found = table[:, :-1], table[:, -1]
     scale = np.linalg.norm(regressors, axis=0)
@@ -278,9 +306,10 @@ def _residual(series: Sequence[_Series], driven: Sequence[FloatArray], time: flo
     return np.asarray(found - regressors @ np.linalg.solve(square, regressors.T @ found))
 
 
-def _without_begin(columns: FloatArray, begin: FloatArray) -> FloatArray:
-    """Return the columns less what of each goes with a stretch's beginning: nobody knows how the boat turned before."""
-    return columns - np.outer(begin, begin @ columns) / float(begin @ begin)
+def _without(columns: FloatArray, begin: FloatArray) -> FloatArray:
+    """Return the columns less what of each goes with what nobody knows of a stretch's beginning."""
+    size = float(begin @ begin)
+    return columns - np.outer(begin, begin @ columns) / size if size > 0.0 else columns
 
 
 def _low_pass(values: FloatArray, dt: float, tau: float) -> FloatArray:
