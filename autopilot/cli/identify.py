@@ -182,7 +182,7 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     by_thrust = known is not None and known.drive.kind != "rudder"
     with ProgressBar("rudder's rate") as bar:
         ordered, as_ordered = slower_rudder(fitted, filed, by_thrust=by_thrust, progress=bar.update), fitted
-    if ordered is not None:
+    if ordered is not None and ordered.is_sure:
         fitted, held_out = ([with_rudder_of(run, ordered) for run in runs] for runs in (fitted, held_out))
     driven = identified_by_thrust(arguments, vessel, fitted, held_out)
     if driven is not None:
@@ -290,10 +290,16 @@ def _identify(
             found = choice.found
             question = choice.form._replace(reference_speed=found.model.reference_speed, progress=bar.update)
         if rudder is not None:
-            from autopilot.identification.ordered_rudder import with_doubt_of_rate
+            from autopilot.identification import ordered_rudder as by_turning
 
             at_speed = question._replace(reference_speed=found.model.reference_speed)
-            found = with_doubt_of_rate(found, *rudder, lambda runs: method.identify(runs, at_speed))
+            with_doubt = by_turning.with_doubt_of_rate if rudder[1].is_sure else by_turning.with_unsure_rate
+            found = with_doubt(found, *rudder, lambda runs: method.identify(runs, at_speed))
+            if found.rudder_rate is not None and not rudder[1].is_sure:
+                moved = found.rudder_rate
+                fitted, held_out = (
+                    [by_turning.with_rudder_of(run, moved) for run in runs] for runs in (fitted, held_out)
+                )
     result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
     return result._replace(residual_tests=found.residual_tests(fitted), choice=choice)
 

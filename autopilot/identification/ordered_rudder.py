@@ -90,7 +90,8 @@ def slower_rudder(
 
     runs: their rudder as ordered or estimated, moved at the filed rate, which may be inf. by_thrust: the boat has no
     rudder, and what is estimated is its thrust. progress: called with how many rates are tried, and of how many. None
-    where they do not show it, and where a sensor shows the rudder.
+    where it is no likelier than the filed one, and where a sensor shows the rudder; one that is likelier and not sure
+    is for `with_unsure_rate`.
     """
     if any(run.rudder == "measured" or (by_thrust and run.rudder == "estimated") for run in runs):
         return None
@@ -121,12 +122,13 @@ def slower_rudder(
     )
     rate = math.exp(float(found.x))
     here = _at_rate(series, rate)
-    if not 0.5 * here.independent * math.log(as_filed.square / here.square) > SURE + len(series):
+    evidence = 0.5 * here.independent * math.log(as_filed.square / here.square) - len(series)
+    if not evidence > 0.0:
         return None
     beside = [math.log(_at_rate(series, rate * math.exp(side * BESIDE)).square) for side in (-1.0, 1.0)]
     bend = 0.5 * here.independent * (sum(beside) - 2.0 * math.log(here.square)) / (BESIDE * BESIDE)
     error = rate / math.sqrt(max(bend, math.log(LADDER) ** -2))
-    return RudderRate(rate, error, _movements(series, rate), True)
+    return RudderRate(rate, error, _movements(series, rate), True, evidence > SURE)
 
 
 def shows_rate(runs: Sequence[Run], filed: float) -> bool:
@@ -188,6 +190,48 @@ def with_doubt_of_rate(
     return found._replace(
         standard_errors=errors, covariance=covariance, ratios=ratios, unidentifiable=reasons, rudder_rate=rate
     )
+
+
+def with_unsure_rate(
+    found: Identified, ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
+) -> Identified:
+    """Return the likelier of `found`, fitted to the runs as `ordered`, and of a fit behind a gear of that `rate`, with
+    the doubt which of them it is.
+
+    The fits know of the weather, as what shows the rate does not. Of two boats with probabilities 1 - q and q the mean
+    square about the first is C = (1 - q) C1 + q (C2 + (p2 - p1)(p2 - p1)'); q by their likelihoods, the one with a
+    number more, the rate, less likely by one (Akaike 1974). Where either has none, `found` stays.
+    """
+    try:
+        behind = identify([with_rudder_of(run, rate) for run in ordered])
+    except (InputError, np.linalg.LinAlgError):  # nothing is found, or no curvature is finite
+        return found
+    if found.likely is None or behind.likely is None:
+        return found
+    gain = found.likely.loss - behind.likely.loss - 1.0
+    if gain > 0.0:
+        found, behind = with_doubt_of_rate(behind, ordered, rate, identify), found
+    q = math.exp(-abs(gain)) / (1.0 + math.exp(-abs(gain)))
+
+    def doubted(own: float, others: float, off: float) -> float:
+        return math.sqrt((1.0 - q) * own * own + q * (others * others + off * off))
+
+    errors = dict(found.standard_errors)
+    for name, error in errors.items():
+        others = behind.standard_errors.get(name)
+        if error is not None and others is not None:
+            errors[name] = doubted(error, others, _value(behind, name) - _value(found, name))
+    covariance = found.covariance
+    if covariance is not None and behind.covariance is not None and found.free == behind.free:
+        off = np.array([_value(behind, name) - _value(found, name) for name in found.free])
+        covariance = (1.0 - q) * covariance + q * (behind.covariance + np.outer(off, off))
+    ratios, reasons = found.ratios, found.unidentifiable
+    if ratios is not None and behind.ratios is not None:
+        pairs = zip(ratios.errors, behind.ratios.errors, ratios.values, behind.ratios.values, strict=True)
+        a, b, d, e = (doubted(error, others, there - here) for error, others, here, there in pairs)
+        ratios = Ratios(ratios.values, (a, b, d, e))
+        reasons = {**reasons, **reasons_of(ratios, found.model, errors)}
+    return found._replace(standard_errors=errors, covariance=covariance, ratios=ratios, unidentifiable=reasons)
 
 
 def _value(found: Identified, name: str) -> float:

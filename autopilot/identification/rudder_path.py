@@ -213,12 +213,13 @@ WORST_ERROR = 0.1
 
 class RudderRate(NamedTuple):
     """The rudder's rate [rad/s], its standard error [rad/s], and how many movements show it; by_turning: the boat's
-    turning does, the rudder is known by its orders alone."""
+    turning does, the rudder is known by its orders alone; is_sure: it is not that of the vessel file."""
 
     rate: float
     standard_error: float
     movements: int
     by_turning: bool = False
+    is_sure: bool = True
 
 
 class _Slope(NamedTuple):
