@@ -15,9 +15,16 @@ from autopilot.errors import InputError
 from autopilot.identification import likelihood_fit
 from autopilot.identification.identified import Identified, Question, Ratios
 from autopilot.identification.identify import identify
-from autopilot.identification.ordered_rudder import rate_limited, slower_rudder, with_doubt_of_rate, with_rudder_of
+from autopilot.identification.marginal_likelihood import Rates, Weather
+from autopilot.identification.ordered_rudder import (
+    rate_limited,
+    slower_rudder,
+    with_doubt_of_rate,
+    with_rudder_of,
+    with_unsure_rate,
+)
 from autopilot.identification.residuals import Noise
-from autopilot.identification.rudder_path import RudderRate
+from autopilot.identification.rudder_path import RudderRate, RudderTrain
 from autopilot.identification.runs import MOMENTS, Run, Segment
 from autopilot.logs.series import HEADING, SHARE, SPEED, Recording, Series
 from autopilot.logs.table import RudderSettings, table_of, through_gear
@@ -70,7 +77,8 @@ def test_a_rudder_slower_than_filed_is_found_by_how_the_boat_turns(
 @pytest.mark.parametrize(("late", "lag"), [(0.0, 0.0), (0.3, 0.0), (0.0, 0.4), (0.2, 0.3)])
 @pytest.mark.parametrize("noise_deg", [0.05])
 def test_a_rudder_that_is_merely_late_is_not_called_slow(late: float, lag: float, noise_deg: float) -> None:
-    assert slower_rudder([ordered(20.0, late, lag, noise_deg)], FILED) is None
+    found = slower_rudder([ordered(20.0, late, lag, noise_deg)], FILED)
+    assert found is None or not found.is_sure
 
 
 @pytest.mark.parametrize("rate_deg_s", [2.3, 10.0])
@@ -84,6 +92,22 @@ def test_the_rate_shows_in_stretches_that_begin_in_turns(rate_deg_s: float) -> N
     assert found is not None
     off = abs(math.degrees(found.rate) - rate_deg_s)
     assert off < 3.0 * math.degrees(found.standard_error) and off < 0.2 * rate_deg_s
+
+
+@pytest.mark.parametrize("rate_deg_s", [5.0, 10.0])
+def test_a_rudder_that_moved_when_a_gap_ended_is_as_slow(rate_deg_s: float) -> None:
+    """Taken to stand where it was ordered, it seemed quicker."""
+    run = ordered(rate_deg_s, noise_deg=0.1, seed=2026112971)
+    whole = run.segments[0]
+    there = np.flatnonzero(np.diff(np.sign(whole.rudder)) != 0)[[1, 3]]
+    ends = [float(whole.time[at]) + 1.2 for at in there]
+    kept = [(0.0, ends[0] - 4.0), (ends[0], ends[1] - 4.0), (ends[1], 120.0)]
+    rows = [(whole.time >= first) & (whole.time < last) for first, last in kept]
+    segments = tuple(Segment(*(each[here] if each.size else each for each in whole)) for here in rows)
+    found = slower_rudder([run._replace(segments=segments)], FILED)
+    assert found is not None and found.is_sure
+    off = abs(math.degrees(found.rate) - rate_deg_s)
+    assert off < 3.0 * math.degrees(found.standard_error) and off < 0.1 * rate_deg_s
 
 
 @pytest.mark.parametrize("late", [0.05, 0.15, 0.25, 0.3])
@@ -210,6 +234,32 @@ def test_fits_beside_the_rate_that_fail_are_made_up_for_or_refused() -> None:
     assert found.standard_errors["time_constant"] == pytest.approx(math.hypot(0.03, 0.04))
     with pytest.raises(InputError, match="record the rudder's angle"):
         with_doubt_of_rate(fitted(5.0), [run], RATE, never)
+
+
+@pytest.mark.parametrize(("gain", "time_constant"), [(4.0, 5.5), (1.0, 5.0), (-4.0, 5.0)])
+def test_an_unsure_rate_leaves_both_boats_in_doubt_by_their_likelihoods(gain: float, time_constant: float) -> None:
+    run, likely = ordered(5.0), likelihood_fit.LikelihoodFit
+    rates, weather = Rates(0.04, 0.2), Weather(1.0, 1.0, 1.0, 1.0, 1.0)
+
+    def by(loss: float, fit: Identified) -> Identified:
+        return fit._replace(likely=likely(rates, np.eye(4), RudderTrain(), {}, weather, loss))
+
+    filed = by(gain, fitted(5.0))
+    found = with_unsure_rate(filed, [run], RATE._replace(is_sure=False), lambda runs: by(0.0, fitted(5.5)))
+    assert found.model.time_constant == time_constant and (found.rudder_rate is not None) == (time_constant == 5.5)
+    other = 1.0 / (1.0 + math.exp(abs(gain - 1.0)))
+    error = math.sqrt(0.03**2 + other * 0.5**2)
+    assert found.standard_errors["time_constant"] == pytest.approx(error)
+    assert found.covariance is not None and math.sqrt(found.covariance[1, 1]) == pytest.approx(error)
+
+
+def test_an_unsure_rate_behind_which_nothing_is_found_stays_out() -> None:
+    def never(runs: object) -> Identified:
+        raise InputError("no")
+
+    held = fitted(5.0)
+    assert with_unsure_rate(held, [ordered(5.0)], RATE, never) is held
+    assert with_unsure_rate(held, [ordered(5.0)], RATE, lambda runs: fitted(6.0)) is held
 
 
 def test_a_rudder_slower_than_its_file_is_noticed_and_taken_over() -> None:
