@@ -203,10 +203,13 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         print(shown(result))
         _refuse_below(arguments, verdict)
     if arguments.out:
-        from autopilot.cli.identify_vessel import write_vessel
+        from autopilot.cli.identify_vessel import NoGainsError, write_vessel
 
         try:
             result = result._replace(remarks=tuple(write_vessel(arguments.out, result, boat, given)))
+        except NoGainsError as error:
+            print(shown(result._replace(no_gains=error.why)))
+            raise
         except InputError:
             print(shown(result))
             raise  # a fit of minutes is shown even where its file cannot be

@@ -39,6 +39,14 @@ RATE_DISAGREES = 0.15
 """A measured rate off the file's by more than this share, and by three standard errors, is worth a sentence."""
 
 
+class NoGainsError(InputError):
+    """No gains can be designed for the model, and its file is not written; why: with what to sail next."""
+
+    def __init__(self, why: str, path: str) -> None:
+        super().__init__(f"{path} is not written, for {why}")
+        self.why = why
+
+
 class Given(NamedTuple):
     """What the command line says of the steering gear.
 
@@ -85,8 +93,9 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
     """Write the model into the vessel file at `path`; return what the skipper should know of the rudder, as sentences.
 
     Everything else of `boat` is kept, an existing file's comments too; the rudder angle that full steering means is
-    written out, so that nobody who edits the end stop changes the scale. Raises InputError where K or T is not
-    determined, where no command could read the file, or where it cannot be written.
+    written out, so that nobody who edits the end stop changes the scale. Raises NoGainsError where no gains serve the
+    model, and InputError where K or T is not determined, where no command could read the file, or where it cannot be
+    written.
     """
     ratios = result.found.ratios
     on_ridge = ratios is not None and ratios.on_ridge
@@ -152,7 +161,7 @@ def compass_late_s(runs: Sequence[Run]) -> float:
 
 
 def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
-    """Raise InputError, with what to sail next, where no gains can be designed for the model; where course stability
+    """Raise NoGainsError, with what to sail next, where no gains can be designed for the model; where course stability
     is not determined, for those at either end of its interval either."""
     from autopilot.cli.terminal import ProgressBar
     from autopilot.report.gains import bearing_level
@@ -183,9 +192,10 @@ def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
                 if each.model.n1 <= 0.0 and bearing_level(each, GainRequest().level) is None:
                     raise RefusedError("a turn with a rudder 30 % weaker than the model's is lost at every level")
     except RefusedError as error:
-        raise InputError(
-            f"{path} is not written, for no gains serve such a boat: {error}; sail a 20/20 zigzag of six reversals or "
-            "more, and check the rudder's rate."
+        raise NoGainsError(
+            f"no gains serve such a boat: {error}; sail a 20/20 zigzag of six reversals or more, and check the "
+            "rudder's rate.",
+            path,
         ) from None
 
 

@@ -77,8 +77,8 @@ RATIOS = (("K/T", "1/s^2"), ("n1/T", "1/s"), ("n3/T", "s/rad^2"), ("n0/T", "rad/
 class Result(NamedTuple):
     """Everything to tell: the kind of model asked for or chosen, the estimate, stage one, each run with its role and
     prediction, the tests of the residuals, the candidates where the kind was chosen, the rudder's measured rate,
-    remarks on the file that was written, what the boat will do in manoeuvres that were not sailed, and whether the
-    rudder is that of the vessel file."""
+    remarks on the file that was written, what the boat will do in manoeuvres that were not sailed, whether the
+    rudder is that of the vessel file, and why no gains serve the boat, "" where some do or nobody looked."""
 
     kind: str
     found: Identified
@@ -90,6 +90,7 @@ class Result(NamedTuple):
     remarks: Sequence[str] = ()
     forecast: Forecast | None = None
     gear: GearCheck = GearCheck()
+    no_gains: str = ""
 
 
 def document_of(result: Result) -> dict[str, Any]:
@@ -130,7 +131,9 @@ def document_of(result: Result) -> dict[str, Any]:
 
 
 def verdict_on(result: Result) -> Verdict:
-    """Return what the model is good for."""
+    """Return what the model is good for; where no gains serve the boat, for nothing."""
+    if result.no_gains:
+        return Verdict("not enough", f"not enough: {result.no_gains}")
     fitted = [prediction for _, role, prediction in result.predictions if role == "fit"]
     return verdict_of(result.found, fitted, result.residual_tests, result.gear)
 

@@ -13,8 +13,11 @@ import pytest
 from zigzag_trials import zigzag
 
 from autopilot.cli.main import main
+from autopilot.errors import RefusedError
+from autopilot.runtime import tuning
 from autopilot.vessel import file
 from autopilot.vessel.file import dump_vessel, load_vessel
+from autopilot.vessel.schema import Vessel
 
 DATA = Path(os.environ.get("NORRBIN_DATA", Path(__file__).parents[3] / "shared" / "data"))
 ESSO = DATA / "frt_ds_esso"
@@ -176,6 +179,27 @@ def test_what_was_found_is_shown_also_where_the_disk_takes_no_file(
     assert json.loads(printed.out)["parameters"]["K"]["value"] == pytest.approx(0.7, rel=0.1)
     assert out.read_text() == before
     assert sorted(each.name for each in tmp_path.iterdir()) == ["boat.yaml", "trial.csv"]
+
+
+def test_no_model_is_called_good_that_no_gains_serve(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, out = tmp_path / "trial.csv", tmp_path / "boat.yaml"
+    table = zigzag(math.radians(15.0), 10.0, 0.1)
+    rows = zip(*table.values(), strict=True)
+    log.write_text("\n".join([",".join(table), *(",".join(map(str, row)) for row in rows)]))
+
+    def none(vessel: Vessel) -> Vessel:
+        raise RefusedError("too slow a rudder")
+
+    monkeypatch.setattr(tuning, "designed", none)
+    assert main(["identify", str(log), "--out", str(out), "--rudder-max-deg", "35", "--json"]) == 2
+    printed = capsys.readouterr()
+    assert "is not written, for no gains serve such a boat: too slow a rudder" in printed.err
+    verdict = json.loads(printed.out)["verdict"]
+    assert verdict["grade"] == "not enough"
+    assert verdict["sentence"].startswith("not enough: no gains serve such a boat: too slow a rudder; sail ")
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(
