@@ -195,8 +195,8 @@ def with_doubt_of_rate(
 def with_unsure_rate(
     found: Identified, ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
 ) -> Identified:
-    """Return the likelier of `found`, fitted to the runs as `ordered`, and of a fit behind a gear of that `rate`, with
-    the doubt which of them it is.
+    """Return `found`, fitted to the runs as `ordered`, or a fit behind a gear of that `rate` where that is surely the
+    likelier one, with the doubt which of them it is.
 
     The fits know of the weather, as what shows the rate does not. Of two boats with probabilities 1 - q and q the mean
     square about the first is C = (1 - q) C1 + q (C2 + (p2 - p1)(p2 - p1)'); q by their likelihoods, the one with a
@@ -209,9 +209,9 @@ def with_unsure_rate(
     if found.likely is None or behind.likely is None:
         return found
     gain = found.likely.loss - behind.likely.loss - 1.0
-    if gain > 0.0:
-        found, behind = with_doubt_of_rate(behind, ordered, rate, identify), found
-    q = math.exp(-abs(gain)) / (1.0 + math.exp(-abs(gain)))
+    if gain > SURE:
+        found, behind, gain = with_doubt_of_rate(behind, ordered, rate._replace(is_sure=True), identify), found, -gain
+    q = 0.5 * (1.0 + math.tanh(0.5 * gain))
 
     def doubted(own: float, others: float, off: float) -> float:
         return math.sqrt((1.0 - q) * own * own + q * (others * others + off * off))

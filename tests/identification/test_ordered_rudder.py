@@ -236,7 +236,7 @@ def test_fits_beside_the_rate_that_fail_are_made_up_for_or_refused() -> None:
         with_doubt_of_rate(fitted(5.0), [run], RATE, never)
 
 
-@pytest.mark.parametrize(("gain", "time_constant"), [(4.0, 5.5), (1.0, 5.0), (-4.0, 5.0)])
+@pytest.mark.parametrize(("gain", "time_constant"), [(12.0, 5.5), (4.0, 5.0), (1.0, 5.0), (-4.0, 5.0)])
 def test_an_unsure_rate_leaves_both_boats_in_doubt_by_their_likelihoods(gain: float, time_constant: float) -> None:
     run, likely = ordered(5.0), likelihood_fit.LikelihoodFit
     rates, weather = Rates(0.04, 0.2), Weather(1.0, 1.0, 1.0, 1.0, 1.0)
@@ -247,7 +247,7 @@ def test_an_unsure_rate_leaves_both_boats_in_doubt_by_their_likelihoods(gain: fl
     filed = by(gain, fitted(5.0))
     found = with_unsure_rate(filed, [run], RATE._replace(is_sure=False), lambda runs: by(0.0, fitted(5.5)))
     assert found.model.time_constant == time_constant and (found.rudder_rate is not None) == (time_constant == 5.5)
-    other = 1.0 / (1.0 + math.exp(abs(gain - 1.0)))
+    other = 1.0 / (1.0 + math.exp(gain - 1.0 if time_constant == 5.5 else 1.0 - gain))
     error = math.sqrt(0.03**2 + other * 0.5**2)
     assert found.standard_errors["time_constant"] == pytest.approx(error)
     assert found.covariance is not None and math.sqrt(found.covariance[1, 1]) == pytest.approx(error)
