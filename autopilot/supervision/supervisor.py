@@ -343,7 +343,7 @@ def _taken(memory: Memory) -> HelmSample | None:
 
 
 def _rank(away: HelmSample) -> int:
-    return NOBODYS.index(away.cause) + 1 if away.cause in NOBODYS else 0
+    return NOBODYS.get(away.cause, 0)
 
 
 def _first(found: Mapping[str, AlarmEvent], *responses: Response) -> str:
@@ -367,8 +367,8 @@ def _order_event(order: Order) -> Event:
     return Event.ORDER_TRACK if order.is_led else Event.ORDER_HEADING
 
 
-NOBODYS = (HelmCause.UNREADY, HelmCause.UNPROVEN)
-"""Causes by which nobody has taken the helm; the first of them weighs more."""
+NOBODYS = {HelmCause.UNREADY: 1, HelmCause.UNPROVEN: 2}
+"""Causes by which nobody has taken the helm, and their ranks: of two the lower weighs more."""
 TAKEN_BY = {
     HelmCause.TAKEN: "human_override",
     HelmCause.REBOOTED: "firmware_rebooted",
