@@ -25,6 +25,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg.blas import dtbsv
 
 from autopilot.identification.runs import FloatArray, Run, Segment, running
@@ -323,16 +324,36 @@ def small_swings(segments: Sequence[Segment]) -> float:
 
 def jumps_share(segments: Sequence[Segment]) -> float:
     """Return the share of the rudder's travel that it makes from one sample to the next between two angles at which it
-    stands: all of it in orders, which no steering gear follows at once; 0 of fewer than FEWEST_MOVEMENTS such jumps."""
+    stands: all of it in orders, which no steering gear follows at once; 0 of fewer than FEWEST_MOVEMENTS such jumps.
+
+    A sensor that is read less often than the table's rows stands and jumps too, but a rudder on its way goes on to the
+    same side when it is read next: such steps are none of these jumps.
+    """
     jumped, travel, count = 0.0, 0.0, 0
     for segment in segments:
-        moved = np.abs(np.diff(segment.rudder))
+        change = np.diff(segment.rudder)
+        moved = np.abs(change)
         stands = np.concatenate([[True], moved == 0.0, [True]])
-        jumps = (moved > SMALLEST_TRAVEL) & stands[:-2] & stands[2:]
+        jumps = (moved > SMALLEST_TRAVEL) & stands[:-2] & stands[2:] & ~_goes_on(segment.time[1:], change)
         count += int(np.count_nonzero(jumps))
         jumped += float(moved[jumps].sum())
         travel += float(moved.sum())
     return jumped / travel if count >= FEWEST_MOVEMENTS else 0.0
+
+
+def _goes_on(time: FloatArray, change: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which changes have one to the same side beside them, where a sensor is read next: after the shortest time
+    between two changes, give or take the half of it, and SLOWEST_SENSOR_S at most."""
+    goes_on = np.zeros(change.size, dtype=bool)
+    at = np.flatnonzero(change)
+    if at.size < 2:
+        return goes_on
+    between = np.diff(time[at])
+    is_next = between <= 1.5 * min(float(between.min()), SLOWEST_SENSOR_S)
+    is_next &= change[at[:-1]] * change[at[1:]] > 0.0
+    goes_on[at[:-1][is_next]] = True
+    goes_on[at[1:][is_next]] = True
+    return goes_on
 
 
 SMALL_SWING = 0.4

@@ -391,15 +391,25 @@ def test_columns_that_never_overlap_are_refused() -> None:
         ("order", "measured", "measured"),
         ("angle", "auto", "measured"),
         ("quick angle", "auto", "measured"),
+        ("angle once a second", "auto", "measured"),
+        ("quick angle once a second", "auto", "measured"),
     ],
 )
 def test_a_rudder_that_jumps_and_stands_is_taken_for_ordered(
     tmp_path: Path, kind: str, choice: RudderChoice, origin: str
 ) -> None:
-    """A sensor shows the rudder on its way, or its own noise."""
-    boat, noise = zigzag_boat(seconds=60.0), np.random.default_rng(2026112964)
-    rudder = {"order": boat.order, "angle": boat.rudder, "quick angle": boat.order}[kind]
-    if kind != "order":
+    """A sensor shows the rudder on its way, be it read less often than the table has rows, or its own noise."""
+    boat = zigzag_boat(seconds=60.0, rudder_rate=math.radians(5.0 if kind != "quick angle once a second" else 15.0))
+    noise = np.random.default_rng(2026112964)
+    read = np.arange(boat.time.size) // 50 * 50
+    rudder = {
+        "order": boat.order,
+        "angle": boat.rudder,
+        "quick angle": boat.order,
+        "angle once a second": boat.rudder[read],
+        "quick angle once a second": boat.rudder[read],
+    }[kind]
+    if kind in ("angle", "quick angle"):
         rudder = rudder + math.radians(0.1) * noise.standard_normal(rudder.size)
     table = np.stack([boat.time, rudder, boat.heading, boat.speed], axis=1)[::5]
     path = tmp_path / "zigzag.csv"
