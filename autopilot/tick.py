@@ -248,8 +248,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     memory = supervisor.memory
     steers_on = boat.rudder_is_ours and memory.state in ENGAGED
     estimate = with_command(estimate, now, command.angle, is_ours, steers_on)
-    # thrusters have no gear that might have become slow
-    if is_ours and steering.has_gear and not is_measured:
+    # thrusts that come later than filed turn a boat as a slow gear does, and swing it for good if nobody plans with it
+    if is_ours and not is_measured:
         known = begun_at(present.rudder) if is_new_path else state.rudder.rate
         estimate, way, rate = with_gear_found(config.steering, (estimate, way), known, dt, present, found)
     else:

@@ -17,8 +17,10 @@ from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin
 from autopilot.models.steering_gear import SteeringGear
 from autopilot.runtime.build import build_pilot, gear_of, model_of
+from autopilot.runtime.tuning import designed
 from autopilot.signals import Mode, Order, OrderKind, RudderSample, Sample, SpeedSample, Tick
 from autopilot.supervision.panel import WORDS
+from autopilot.vessel.file import load_vessel
 from autopilot.vessel.schema import Vessel
 
 STABLE = ("lanxin", "middle", "slow")
@@ -125,6 +127,20 @@ def test_speed_over_the_ground_in_a_stream_does_not_make_the_boat_swing(name: st
     assert outcome.gave_back == math.inf
     assert outcome.swing < 1.0
     assert outcome.turned == pytest.approx(90.0, abs=1.0)
+
+
+@pytest.mark.parametrize("turn_deg", [90.0, -90.0])
+@pytest.mark.parametrize("late", [0.25, 0.3])
+def test_thrusters_later_than_filed_do_not_swing_after_a_wide_turn(late: float, turn_deg: float) -> None:
+    """Left to themselves they swing by 50 deg for good, on a boat that turns better and sooner than its model: what
+    comes so late turns it as a slow gear does, and is planned with as one. In a turn of 60 deg that is not found."""
+    vessel = designed(load_vessel("blueboat"))
+    model, gear = model_of(vessel), gear_of(vessel)
+    boat = model._replace(gain=1.2 * model.gain, time_constant=0.8 * model.time_constant)
+    gear = gear._replace(delay=gear.delay + vessel.control.loop_delay_s + late)
+    outcome = run(vessel, boat=boat, gear=gear, turn_deg=turn_deg)
+    assert outcome.gave_back == math.inf
+    assert outcome.swing < 2.0
 
 
 @pytest.mark.parametrize("share", [0.15, 0.2, 0.25, 0.33, 0.5])
