@@ -140,8 +140,8 @@ class SteeringConfig(NamedTuple):
     where the other side steers by itself to the reference heading. corner_frequencies hold at the model's speed: which
     waves the law is shown, see `backstepping`; so does delay_margin [s], the law's. dead_band [rad]: on a course
     the rudder rests until it is wrong by more. uses_bias: whether the law goes by the estimated bias. estimator.gear is
-    the gear that is gone by: turns are planned with its rate, whatever rate the rudder is commanded at. has_gear:
-    whether steering moves one, or is the difference of two thrusts.
+    the gear that is gone by: turns are planned with its rate, whatever rate the rudder is commanded at. timed_gear:
+    what a slower one is told from. has_gear: whether steering moves one, or is the difference of two thrusts.
     """
 
     estimator: EstimatorConfig
@@ -154,6 +154,7 @@ class SteeringConfig(NamedTuple):
     rudder_is_ours: bool
     uses_bias: bool
     delay_margin: float
+    timed_gear: SteeringGear
     has_gear: bool = True
 
 

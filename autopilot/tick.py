@@ -377,7 +377,7 @@ def with_gear_found(
     something pushes the boat by more than its rudder can hold, which hides what the rudder does, and lets go at once
     when it is over; nor where on its course it is in a sea that is not known yet.
     """
-    (estimate, way), gear, model = boat, config.estimator.gear, boat[0].model
+    (estimate, way), model = boat, boat[0].model
     turns = steady.time < way.guide.turning_until
     is_new = steady.wave_deviation >= WAVE_DEVIATION_FIRST and not estimate.knows_sea
     is_new = is_new and model.time_constant > GEAR_SEA and not turns
@@ -386,7 +386,7 @@ def with_gear_found(
     on_course = way.order.kind is OrderKind.HEADING and not turns
     density, gusty = estimate.fusion.state.intensity.density, config.estimator.noises.usual.gusty_bias
     sea, steered = (steady.wave_deviation, density, gusty), (steady.rate, estimate.rudder.effective, on_course)
-    rate = rudder_rate_step(model, before, steered, sea, gear, dt)
+    rate = rudder_rate_step(model, before, steered, sea, config.timed_gear, dt)
     if rate.slower == before.slower:
         return estimate, way, rate
     estimate = estimate._replace(rudder=estimate.rudder._replace(modelled=angle_of(rate)))

@@ -139,8 +139,8 @@ WORDS = {
     ),
     "bow_thruster_weak": Words(
         "the bow thruster does not turn the boat",
-        "look for weed, a rope, its fuse or its battery, and, where it pushes to the wrong side, at "
-        "drive.bow_thruster.reversed; make way; engage again to have it tried anew",
+        "look for weed, a rope, its fuse or battery, or, where it pushes the wrong way, at "
+        "drive.bow_thruster.reversed; make way; engage to try it anew",
     ),
     "speeds_disagree": Words(
         "the speed log and the speed over ground do not agree",

@@ -217,11 +217,10 @@ def tick(
     off = shortest_turn(state.heading, guide.boat.heading)
     right_time = listened.right_time if _pushes_away(config, off, command, state) else now
     # numba takes no condition inside the call below
-    gear = config.estimator.gear
     gusty = config.estimator.noises.usual.gusty_bias
     sea = present.wave_deviation, listened.fusion.state.intensity.density, gusty
     steered = present.rate, listened.rudder.effective, now >= pilot_state.guide.turning_until
-    rate = rudder_rate_step(model, pilot_state.rate, steered, sea, gear, dt)
+    rate = rudder_rate_step(model, pilot_state.rate, steered, sea, config.timed_gear, dt)
     gone = listened.gone or not answers or rate.slower > 1.0
     gone = gone or _must_go(campaign, listened, now, easy_time, right_time, state.heading + demand)
     return State(
