@@ -100,7 +100,7 @@ def steering_of(config: PilotConfig, law: LawInForce) -> SteeringConfig:
 
     Two thrusts turn a boat by degrees while an order is on its way: what they are is known as behind the loop's delay.
     A gear that must move first turns it by tenths of one; its lag, which slower gears have as well, is left out where
-    they are told apart: with it a quick boat's rudder at half its rate is not found in turns of 90 and 45 deg.
+    they are compared: with it a quick boat's rudder at half its rate is not found in turns of 90 and 45 deg.
     """
     has_gear = config.steers_by is not Needs.NOTHING
     gear = config.gear if has_gear else behind(config.gear, config.loop_delay)

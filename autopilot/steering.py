@@ -141,7 +141,7 @@ class SteeringConfig(NamedTuple):
     waves the law is shown, see `backstepping`; so does delay_margin [s], the law's. dead_band [rad]: on a course
     the rudder rests until it is wrong by more. uses_bias: whether the law goes by the estimated bias. estimator.gear is
     the gear that is gone by: turns are planned with its rate, whatever rate the rudder is commanded at. timed_gear:
-    what a slower one is told from. has_gear: whether steering moves one, or is the difference of two thrusts.
+    what slower ones are compared with. has_gear: whether steering moves one, or is the difference of two thrusts.
     """
 
     estimator: EstimatorConfig

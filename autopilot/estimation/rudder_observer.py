@@ -285,7 +285,7 @@ def rudder_rate_step(
 ) -> RudderRate:
     """Return what is known `dt` [s] later. steered: the boat's rate [rad/s] and the order [rad] in effect since, and
     whether it is on its course, where the rudder answers the sea. sea: the waves' deviation [rad], the density of the
-    gusts and the most there may be [rad^2/s]. filed: that slower gears are told from; each has its lag.
+    gusts and the most there may be [rad^2/s]. filed: the gear that slower ones are compared with; each has its lag.
 
     What pushes the boat about, such waves or a good share of those gusts, lasts longer than the mean of y, and what the
     boat does says as much less.
