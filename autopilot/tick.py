@@ -205,9 +205,9 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         way, rudder = taken_over(steering, way, rudder, estimate, seen)
         control = begun(config, control, rudder.command.angle)
 
-    at = dt, is_engaged, is_other_boat
+    lead = leads_gear(steering, model, state.way.guide.turning_until - now) if is_engaged else 0.0
+    at = dt, is_engaged, is_other_boat, lead
     present, steady, ratio, mean_bias = steered_from(steering, state, monitors, estimate, seen, at)
-    is_ahead = is_engaged and leads_gear(steering, model, state.way.guide.turning_until - now) > 0.0
     on_course = is_engaged and order.kind is OrderKind.HEADING
     waits = on_course and lacks_way(boat, way, estimate, steady.speed)
     if is_engaged and (is_other_boat or waits != way.waits):
@@ -227,7 +227,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     elif steers:
         way, reference = refer(steering, way, order, model, steady, (rudder.command.angle, dt))
         asked = answering(boat, model, monitors.course.softer), ratio
-        control, demand = ask_law(config, control, asked, reference, steady, (own, dt, is_ahead))
+        control, demand = ask_law(config, control, asked, reference, steady, (own, dt, lead > 0.0))
         demand += control.roll_rudder
     else:
         way, reference, demand = obey(steering, way, order, model, steady) if is_engaged else idle(way, steady)
@@ -281,15 +281,15 @@ def steered_from(
     monitors: MonitorState,
     estimate: EstimatorState,
     seen: NavState,
-    at: tuple[float, bool, bool],
+    at: tuple[float, bool, bool, float],
 ) -> tuple[NavState, NavState, float, float]:
     """Return the boat as it is steered now, and as it will be when the order comes; how many times as quick as in the
     trial its course is held; and its mean bias [rad].
 
-    state: that from before the tick. at: the time since [s], whether the boat is steered, and whether it turned out to
-    be another.
+    state: that from before the tick. at: the time since [s], whether the boat is steered, whether it turned out to be
+    another, and what `leads_gear` says.
     """
-    (dt, is_engaged, is_other_boat), model, ratio = at, estimate.model, estimate.quickness
+    (dt, is_engaged, is_other_boat, lead), model, ratio = at, estimate.model, estimate.quickness
     late, holds = estimate.path.late, seen.time >= state.way.guide.turning_until
     present = steered_by(config, model, seen, ratio)
     ratio = paced(config, model, ratio, late) if late and holds else ratio
@@ -299,7 +299,7 @@ def steered_from(
         # what a boat does that is not its model is taken for wind that comes and goes with each swing, and steering
         # against that keeps it swinging
         present = present._replace(bias=mean_bias)
-    ahead = late + leads_gear(config, model, state.way.guide.turning_until - seen.time)
+    ahead = late + lead
     if not (is_engaged and ahead > 0.0):
         return present, present, ratio, mean_bias
     # an order of now finds the boat where it will be when it comes

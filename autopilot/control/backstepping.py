@@ -46,7 +46,7 @@ takes rudder is steered without this step, as the plan wants its rudder at once.
 
 With the third step the law steers by the state as it will be when the rudder has come to the order, gear's delay and
 lag and half a tick from now, reckoned from where the rudder is and what it was last ordered; and waves are states of
-the regulator like any other (`autopilot.control.backstepping`).
+the regulator like any other, see the end.
 
 What wears a rudder is its travel, the mean of |u'| and not of u'^2. For this the best law is no linear one: it leaves
 the rudder where it is inside a band about what is asked for, and moves it along at the band's edge (singular control).

@@ -289,7 +289,10 @@ def _judged(
     most: float,
     is_wild: bool,
 ) -> Consistency:
-    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _, still, held, _) = news, before
+    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _, still, held, aside) = (
+        news,
+        before,
+    )
     time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)
     if wild and time - wild[0] > APART_TIME:
         wild = wild[1:]
@@ -318,8 +321,7 @@ def _judged(
         seen = time
         if not found or (apart - reported > NEWS and found != OPPOSITE_WAYS):
             found, reported = f"{math.degrees(apart):.0f} deg apart", apart
-    after = Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild, still, held)
-    return after._replace(aside=before.aside)
+    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild, still, held, aside)
 
 
 class State(NamedTuple):
