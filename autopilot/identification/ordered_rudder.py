@@ -162,10 +162,8 @@ def with_doubt_of_rate(
     beside = list[Identified]()
     for side in (-1.0, 1.0):
         moved = rate._replace(rate=rate.rate + side * rate.standard_error)
-        try:
-            beside.append(identify([with_rudder_of(run, moved) for run in ordered]))
-        except (InputError, np.linalg.LinAlgError):  # nothing is found, or no curvature is finite
-            continue
+        if (there := _behind(ordered, moved, identify)) is not None:
+            beside.append(there)
     if not beside:
         raise InputError(
             "The doubt about K and T is unknown: nothing is identified with the rudder a little slower or quicker "
@@ -181,15 +179,11 @@ def with_doubt_of_rate(
     if covariance is not None:
         off = share * np.array([_value(quick, name) - _value(slow, name) for name in found.free])
         covariance = covariance + np.outer(off, off)
-    ratios, reasons = found.ratios, found.unidentifiable
-    if ratios is not None and slow.ratios is not None and quick.ratios is not None:
-        pairs = zip(ratios.errors, slow.ratios.values, quick.ratios.values, strict=True)
-        a, b, d, e = (math.hypot(error, share * (high - low)) for error, low, high in pairs)
-        ratios = Ratios(ratios.values, (a, b, d, e))
-        reasons = {**reasons, **reasons_of(ratios, found.model, errors)}
-    return found._replace(
-        standard_errors=errors, covariance=covariance, ratios=ratios, unidentifiable=reasons, rudder_rate=rate
-    )
+    of_ratios = list[float]()
+    if found.ratios is not None and slow.ratios is not None and quick.ratios is not None:
+        pairs = zip(found.ratios.errors, slow.ratios.values, quick.ratios.values, strict=True)
+        of_ratios = [math.hypot(error, share * (high - low)) for error, low, high in pairs]
+    return _doubting(found, errors, covariance, of_ratios)._replace(rudder_rate=rate)
 
 
 def with_unsure_rate(
@@ -202,11 +196,8 @@ def with_unsure_rate(
     square about the first is C = (1 - q) C1 + q (C2 + (p2 - p1)(p2 - p1)'); q by their likelihoods, the one with a
     number more, the rate, less likely by one (Akaike 1974). Where either has none, `found` stays.
     """
-    try:
-        behind = identify([with_rudder_of(run, rate) for run in ordered])
-    except (InputError, np.linalg.LinAlgError):  # nothing is found, or no curvature is finite
-        return found
-    if found.likely is None or behind.likely is None:
+    behind = _behind(ordered, rate, identify)
+    if behind is None or found.likely is None or behind.likely is None:
         return found
     gain = found.likely.loss - behind.likely.loss - 1.0
     if gain > SURE:
@@ -225,10 +216,31 @@ def with_unsure_rate(
     if covariance is not None and behind.covariance is not None and found.free == behind.free:
         off = np.array([_value(behind, name) - _value(found, name) for name in found.free])
         covariance = (1.0 - q) * covariance + q * (behind.covariance + np.outer(off, off))
-    ratios, reasons = found.ratios, found.unidentifiable
+    ratios, of_ratios = found.ratios, list[float]()
     if ratios is not None and behind.ratios is not None:
         pairs = zip(ratios.errors, behind.ratios.errors, ratios.values, behind.ratios.values, strict=True)
-        a, b, d, e = (doubted(error, others, there - here) for error, others, here, there in pairs)
+        of_ratios = [doubted(error, others, there - here) for error, others, here, there in pairs]
+    return _doubting(found, errors, covariance, of_ratios)
+
+
+def _behind(
+    ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
+) -> Identified | None:
+    """Return what is identified of the runs behind a gear of that `rate`; None where nothing is found, or no curvature
+    is finite."""
+    try:
+        return identify([with_rudder_of(run, rate) for run in ordered])
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
+def _doubting(
+    found: Identified, errors: dict[str, float | None], covariance: FloatArray | None, of_ratios: Sequence[float]
+) -> Identified:
+    """Return `found` with these doubts; of_ratios: those of a, b, d and e, empty where they stay."""
+    ratios, reasons = found.ratios, found.unidentifiable
+    if ratios is not None and of_ratios:
+        a, b, d, e = of_ratios
         ratios = Ratios(ratios.values, (a, b, d, e))
         reasons = {**reasons, **reasons_of(ratios, found.model, errors)}
     return found._replace(standard_errors=errors, covariance=covariance, ratios=ratios, unidentifiable=reasons)

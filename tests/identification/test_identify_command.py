@@ -159,13 +159,17 @@ def test_an_older_log_is_read_as_named_and_the_newest_is_named(
     assert capsys.readouterr().err == ""
 
 
+def zigzag_in(folder: Path) -> Path:
+    log, table = folder / "trial.csv", zigzag(math.radians(15.0), 10.0, 0.1)
+    rows = zip(*table.values(), strict=True)
+    log.write_text("\n".join([",".join(table), *(",".join(map(str, row)) for row in rows)]))
+    return log
+
+
 def test_what_was_found_is_shown_also_where_the_disk_takes_no_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log, out = tmp_path / "trial.csv", tmp_path / "boat.yaml"
-    table = zigzag(math.radians(15.0), 10.0, 0.1)
-    rows = zip(*table.values(), strict=True)
-    log.write_text("\n".join([",".join(table), *(",".join(map(str, row)) for row in rows)]))
+    log, out = zigzag_in(tmp_path), tmp_path / "boat.yaml"
     out.write_text(dump_vessel(load_vessel("lanxin")))
     before = out.read_text()
 
@@ -184,10 +188,7 @@ def test_what_was_found_is_shown_also_where_the_disk_takes_no_file(
 def test_no_model_is_called_good_that_no_gains_serve(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log, out = tmp_path / "trial.csv", tmp_path / "boat.yaml"
-    table = zigzag(math.radians(15.0), 10.0, 0.1)
-    rows = zip(*table.values(), strict=True)
-    log.write_text("\n".join([",".join(table), *(",".join(map(str, row)) for row in rows)]))
+    log, out = zigzag_in(tmp_path), tmp_path / "boat.yaml"
 
     def none(vessel: Vessel) -> Vessel:
         raise RefusedError("too slow a rudder")
