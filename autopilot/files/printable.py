@@ -76,8 +76,13 @@ def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[
     """
     head, *body = ([[cell] for cell in row] for row in rows)
     if sum(max(map(len, column)) + 2 for column in zip(*rows, strict=True)) > WIDEST:
+        import textwrap  # few tables are that wide
+
         longest = [max(map(len, column)) for column in zip(*(rows[1:] or rows), strict=True)]
-        head = [_in_lines(cell, width) for [cell], width in zip(head, longest, strict=True)]
+        head = [
+            textwrap.wrap(cell, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
+            for [cell], width in zip(head, longest, strict=True)
+        ]
     deepest = max(map(len, head))
     head = [[""] * (deepest - len(cell)) + cell for cell in head]
     widths = [max(len(line) for cell in column for line in cell) for column in zip(head, *body, strict=True)]
@@ -92,16 +97,6 @@ def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[
         for row in (head, *body)
     ]
     return ["\n".join(row) for row in lines]
-
-
-def _in_lines(name: str, width: int) -> list[str]:
-    """Return the name of a column in lines no longer than `width`, or its longest word."""
-    lines = [""]
-    for word in name.split():
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return lines
 
 
 _LONG_WORD = re.compile(rf"\S{{{WORD + 1},}}")

@@ -442,12 +442,16 @@ class CompanionSession:
             self._guided.target = self.vehicle
         return self.vehicle
 
+    @property
+    def _is_disobeyed(self) -> bool:
+        """Whether the vehicle does not do what we order."""
+        return bool(self._authority.disobeyed) or self._probe.stage is Stage.NOT_TAKEN
+
     def _with_signing(self, reason: str) -> str:
         """Return the reason why a vehicle that signs does not obey us, with word of that where we do not."""
         if self._signing is not None:
             return reason
-        is_deaf = self._authority.disobeyed or self._probe.stage is Stage.NOT_TAKEN
-        return reason + UNSIGNED_ORDERS if is_deaf or self._reader.parameters.unanswered else reason
+        return reason + UNSIGNED_ORDERS if self._is_disobeyed or self._reader.parameters.unanswered else reason
 
     def _obstacle(self, now: float) -> str:
         """Return what the vehicle, or another pilot, has against our steering; '' for nothing."""
@@ -486,7 +490,7 @@ class CompanionSession:
             proof.reset()
         self._may_prove = not obstacle
         is_doubtful = authority.steering and authority.echo.is_doubtful
-        is_deaf = is_doubtful or bool(authority.disobeyed) or self._probe.stage is Stage.NOT_TAKEN
+        is_deaf = is_doubtful or self._is_disobeyed
         if is_deaf and not self._is_deaf:
             reader.parameters.doubt(now)
         self._is_deaf = is_deaf
