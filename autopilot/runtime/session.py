@@ -190,8 +190,7 @@ class Session:
         return self._last + (PATIENCE if self._driven else 1.0) * self._period
 
     def _step(self, now: float) -> None:
-        samples = newest(self._samples)
-        self._samples.clear()
+        samples, self._samples = newest(self._samples), []
         self._driven, self._fresh = self._fresh, False
         tick = self._pilot.step(now, samples, self._orders(now, self.tick))
         self._last = now

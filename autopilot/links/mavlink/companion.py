@@ -191,8 +191,8 @@ class CompanionSession:
         beat = authority.heartbeat_time
         news = now >= self._judge_at
         messages = self._codec.decoded(chunks)
-        self.packets += [(now, bytes(message._msgbuf)) for message in messages]
         for message in messages:
+            self.packets += ((now, bytes(message._msgbuf)),)
             header = message._header
             if vehicle and header.srcSystem == vehicle and header.srcComponent == AUTOPILOT_COMPONENT:
                 reader.take(now, message, samples)
@@ -292,7 +292,7 @@ class CompanionSession:
         if is_up and now - streams.checked_at >= streams.pause:
             asked += [interval_request(vehicle, *stream) for stream in streams.due(now)]
         parameters = self._reader.parameters
-        if is_up:
+        if is_up and (parameters.to_ask or now >= parameters.next_again):
             names = parameters.due(now) if parameters.to_ask else parameters.again(now)
             asked += [parameter_request(vehicle, name) for name in names]
         for aside in (self._handover, self._sounder):
@@ -489,8 +489,7 @@ class CompanionSession:
         if authority.disobeyed or obstacle:
             proof.reset()
         self._may_prove = not obstacle
-        is_doubtful = authority.steering and authority.echo.is_doubtful
-        is_deaf = is_doubtful or self._is_disobeyed
+        is_deaf = (authority.steering and bool(authority.echo.doubted)) or self._is_disobeyed
         if is_deaf and not self._is_deaf:
             reader.parameters.doubt(now)
         self._is_deaf = is_deaf

@@ -48,11 +48,13 @@ class OverrideEcho:
         began: when the overriding began.  report_time: when something was reported last, -inf before.
         pulses: the input pulses [us] commanded in the `HISTORY_S` before the last command, each once with its last
             time, the newest last.
+        doubted: the reports that have disagreed for so long that they may be going to for too long.
     """
 
     def __init__(self) -> None:
         self.began = self.report_time = -math.inf
         self.pulses: dict[int, float] = {}
+        self.doubted: set[str] = set()
         self._earlier: dict[int, float] = {}
         self._is_held = False
         self._acted = (-math.inf, -math.inf)
@@ -62,7 +64,7 @@ class OverrideEcho:
     def commanded(self, now: float, pulse: int | None) -> None:
         """Take a command as it was sent: the input pulse [us] it asks for, None where it asks for something else."""
         if not self._is_held:
-            self._is_held, self._doubts = True, {}
+            self._is_held, self._doubts, self.doubted = True, {}, set()
             self.began = self.report_time = now
         if pulse is not None:
             self.pulses.pop(pulse, None)  # its last time orders it
@@ -119,11 +121,6 @@ class OverrideEcho:
         """
         return differing(what, pulse, expected) if self.disagrees(now, what, agrees_with(pulse, expected)) else ""
 
-    @property
-    def is_doubtful(self) -> bool:
-        """Whether some report has disagreed for so long that it may be going to for too long."""
-        return any(doubt > DOUBT_S for _, doubt in self._doubts.values())
-
     def disagrees(self, now: float, what: str, agrees: bool) -> bool:
         """Take whether the report `what` agrees with what is commanded; return whether it has not for too long."""
         self.report_time = now
@@ -131,6 +128,10 @@ class OverrideEcho:
         passed = now - last if now - last < DISOBEDIENCE_S else DISOBEDIENCE_S
         doubt += -AGREEMENT_WEIGHT * passed if agrees else passed
         self._doubts[what] = (now, doubt if doubt > 0.0 else 0.0)
+        if doubt > DOUBT_S:
+            self.doubted.add(what)
+        elif self.doubted:
+            self.doubted.discard(what)
         return doubt > DISOBEDIENCE_S
 
 

@@ -327,6 +327,7 @@ class VehicleParameters:
         override_switch: number of the channel whose switch allows overrides, None where there is none.
         functions: numbers of the outputs of each SERVOn_FUNCTION that has come.
         free_sticks: channels of the sticks that neither steer nor give throttle: nobody moves them but by intent.
+        to_ask: names that have not come yet, and may still. next_again [s]: before, nothing is asked for once more.
     """
 
     def __init__(
@@ -347,8 +348,7 @@ class VehicleParameters:
         self._values: dict[str, float] = {}
         self._asked: dict[str, tuple[float, int]] = {}
         self.to_ask: list[str] = []
-        """Names that have not come yet, and may still."""
-        self._next_burst = self._next_again = -math.inf
+        self._next_burst = self.next_again = -math.inf
         self._again, self._doubted_at = 0, -math.inf
         self._doubted: list[str] = []
         self._changed()
@@ -414,21 +414,21 @@ class VehicleParameters:
     def again(self, now: float) -> list[str]:
         """Return what to ask for once more at `now` [s], once all has come: a name in use now and then, or behind
         `doubt` all of them, a burst at a time."""
-        if self.to_ask or not self._in_use or now < self._next_again:
+        if not self._in_use or now < self.next_again:
             return []
         if self._doubted:
             names, self._doubted = self._doubted[:BURST], self._doubted[BURST:]
         else:
             self._again = (self._again + 1) % len(self._in_use)
             names = [self._in_use[self._again]]
-        self._next_again = now + (BURST_S if self._doubted else AGAIN_S)
+        self.next_again = now + (BURST_S if self._doubted else AGAIN_S)
         return names
 
     def doubt(self, now: float) -> None:
         """Have all that is in use asked for once more: our orders do not do what they should. A slow line makes that
         seem so again and again, and is not to be filled by it."""
         if now - self._doubted_at > DOUBT_AGAIN_S:
-            self._doubted, self._doubted_at, self._next_again = self._in_use, now, -math.inf
+            self._doubted, self._doubted_at, self.next_again = self._in_use, now, -math.inf
 
     @property
     def gcs_impossible(self) -> bool:

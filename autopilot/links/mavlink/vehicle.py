@@ -378,7 +378,7 @@ class VehicleReader:
         self.radio.channels(now, shown, message.rssi, parameters)
         if number is None:
             return
-        pulses = [0 if pulse == NO_CHANNEL else pulse for pulse in shown]
+        pulses = shown if NO_CHANNEL not in shown else tuple(0 if pulse == NO_CHANNEL else pulse for pulse in shown)
         acts_again = authority.inputs(now, pulses, parameters)
         if self.bow is not None:
             self.bow.report(now, pulses[self.bow.channel])
