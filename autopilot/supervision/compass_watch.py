@@ -10,7 +10,6 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
-from autopilot.models.steering_gear import clip
 from autopilot.signals import AlarmEvent, HeadingSample, RateSample
 from autopilot.supervision.frozen_heading import Sea, Standing, frozen_step
 from autopilot.supervision.heading_jump import (
@@ -119,7 +118,7 @@ def still_step(still: Still, time: float, turn: float, step: float, usual: float
     still = still._replace(turn=turn, mean=mean, first=mean if is_first else still.first * fades)
     if not is_first and is_strange(still) and is_turned(still, step, usual):
         return still._replace(is_dead=True)
-    if abs(turn) <= FROZEN_BY_RATE:
+    if -FROZEN_BY_RATE <= turn <= FROZEN_BY_RATE:
         return still._replace(rates=0, since=math.nan)
     since = time if math.isnan(still.since) else still.since
     is_dead = still.is_dead or (still.rates >= FROZEN_RATES and time - since >= DISAGREES_LASTS)
@@ -197,16 +196,15 @@ def consistency_step(
     """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of, inf: not watched; a boat that
     turns by more than `rate_most` [rad/s] shows it; jump [rad]: see `held_step`, inf: nothing is held."""
     rate, time = sample.rate, sample.time
-    # a sum is finite only where every part of it is
-    parts = time if isinstance(sample, RateSample) else time + sample.heading
-    if not math.isfinite(parts if rate is None else parts + rate):
-        return before
     last, beside, wild = before.heading, before.rate, before.wild
     # a rate that is held for the headings beside it is one, however many they are
     if rate is not None and not -rate_most <= rate <= rate_most:
         wild = (*wild, time)[-WILD_RATES:]
+    # a sum is finite only where every part of it is
     if isinstance(sample, RateSample):
-        return _with_rate(before, sample, wild)
+        return _with_rate(before, sample, wild) if math.isfinite(time + sample.rate) else before
+    if not -math.inf < time + sample.heading + (0.0 if rate is None else rate) < math.inf:
+        return before
     still = before.still if rate is None else _repeated(before.still, sample)
     is_same = last is not None and last.source == sample.source
     if is_same and time < last.time:  # type: ignore[union-attr]
@@ -232,7 +230,8 @@ def consistency_step(
     by, most_turn = turn - rate * step, rate_most * step if step > 0.0 else math.inf
     if turn:
         usual = math.sqrt(held.usual) if held.known >= APART_TIME else math.inf
-        still = still_step(still, time, clip(by, -most_turn, most_turn), step, usual)
+        by = -most_turn if by < -most_turn else most_turn if by > most_turn else by
+        still = still_step(still, time, by, step, usual)
     before = before._replace(still=still)
     if before.still.is_dead:
         found = before.found if before.is_refused else STANDS_STILL
@@ -262,13 +261,14 @@ def _with_rate(before: Consistency, sample: RateSample, wild: tuple[float, ...])
 def _repeated(still: Still, sample: HeadingSample | RateSample) -> Still:
     """Take the next rate."""
     rate: float = sample.rate  # type: ignore[assignment]
-    if sample.source != still.source or math.isnan(still.rate):
+    if sample.source != still.source or still.rate != still.rate:  # what is no number is not itself
         return Still(rate=rate, source=sample.source, alike=1, begun=sample.time)
     if rate == still.rate:
         return still._replace(rates=still.rates + 1, alike=still.alike + 1)
     # what a dead one repeated was none of its ways
     more = 0 if still.is_dead else still.alike - 1
-    digit, heard, same = min(still.digit, abs(rate - still.rate)), still.heard + 1 + more, still.same + more
+    change, heard, same = abs(rate - still.rate), still.heard + 1 + more, still.same + more
+    digit = change if change < still.digit else still.digit
     fresh = Still(rate=rate, source=sample.source, alike=1, begun=sample.time)
     return fresh._replace(heard=heard, same=same, digit=digit)
 
@@ -360,7 +360,7 @@ def update(
     """Judge a tick; return what is remembered, and what is found."""
     standing, sea, jumping, rate, off_since, off_by, rate_off = before
     found: tuple[AlarmEvent, ...] = ()
-    headings = with_rates(measured)
+    headings = with_rates(measured) if measured.rate or measured.rate_disagrees else measured.headings
     if limits.frozen_heading:
         standing, sea = frozen_step(standing, sea, seen, headings)
         if standing.is_frozen:
@@ -389,5 +389,5 @@ def update(
         # as it is at first: each tenth would be a new text
         off_by = off_by or f"{abs(innovation):.1f} standard deviations"
         found += (AlarmEvent("innovation", off_by),)
-    rate = state.rate if math.isfinite(state.rate) else 0.0
+    rate = state.rate if -math.inf < state.rate < math.inf else 0.0
     return State(standing, sea, jumping, rate, off_since, off_by, rate_off), found

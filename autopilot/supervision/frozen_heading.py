@@ -242,6 +242,7 @@ def frozen_step(
             change = heading - standing.heading
             change = change if -PI < change <= PI else wrap(change)
             sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
+        off = heading - state.heading + state.rate * (now - time)
         standing = Standing(
             heading,
             1,
@@ -251,7 +252,7 @@ def frozen_step(
             bias=state.bias,
             rate=state.rate,
             source=sample.source,
-            off=wrap(heading - state.heading + state.rate * (now - time)),
+            off=off if -PI < off <= PI else wrap(off),
             unknown=seen.unknown,
             rate_bias=seen.rate_bias,
             rate_unknown=seen.rate_unknown,

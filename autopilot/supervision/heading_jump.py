@@ -118,14 +118,18 @@ class Held(NamedTuple):
 NOT_HELD = Held()
 
 
-def unturned_most(turns: Turns, rate: float, step: float, usual: float, lag: float) -> float:
-    """Return by how much [rad] a heading may be off from the one that the rate of turn carries on, a `step` [s] after
-    the one before: by noise, `usual` [rad] as a root mean square, by a `lag` [s] of the compass, and because a rate
-    stands for all of its step. turns: those until then."""
-    of_late, noise = abs(turns.rate) / SENSE_TIME, HELD_SIGMAS * usual
-    rate = abs(rate)
-    most = (lag + step) * (rate if rate > of_late else of_late)
-    return most + (noise if noise > HELD_LEAST else HELD_LEAST)
+def turning_most(turns: Turns, rate: float) -> float:
+    """Return how fast [rad/s] a boat may turn whose rate of turn is `rate` [rad/s]: as it says now, or said of late.
+    turns: those until then."""
+    of_late, now = abs(turns.rate) / SENSE_TIME, abs(rate)
+    return now if now > of_late else of_late
+
+
+def off_most(rate: float, seconds: float, usual: float) -> float:
+    """Return by how much [rad] a heading may be off where a boat turns by `rate` [rad/s] at most for so many `seconds`
+    unseen, and it is usually off by `usual` [rad], a root mean square."""
+    noise = HELD_SIGMAS * usual
+    return rate * seconds + (noise if noise > HELD_LEAST else HELD_LEAST)
 
 
 def usual_step(held: Held, offs: tuple[float, float], step: float, is_turn: bool) -> Held:
@@ -136,8 +140,9 @@ def usual_step(held: Held, offs: tuple[float, float], step: float, is_turn: bool
     # a mean of all there is at first: what begins at nought takes noise for jumps
     known += step if known < HELD_USUAL_TIME else 0.0
     share = step / known if known > step else 1.0
-    usual += share * (min(off * off, most) - usual)
-    at_once += share * (min(change * change, most) - at_once)
+    square, square_at_once = off * off, change * change
+    usual += share * ((most if most < square else square) - usual)
+    at_once += share * ((most if most < square_at_once else square_at_once) - at_once)
     return held._replace(usual=usual, at_once=at_once, known=known, is_turn=is_turn)
 
 
@@ -154,13 +159,6 @@ def ended(held: Held, rest: float) -> Held:
     offset = 0.0 if abs(held.offset) <= rest else held.offset
     is_said = held.is_said or held.jumps >= JUMPS or abs(held.offset - held.before) > rest
     return held._replace(offset=offset, onset=math.nan, moved=0.0, is_turn=False, is_said=is_said)
-
-
-def sudden_most(quickest: float, step: float, usual: float) -> float:
-    """Return by how much [rad] a heading may be off at once, a `step` [s] after the one before, in a boat that turns by
-    `quickest` [rad/s] at most, where it is usually off by `usual` [rad], a root mean square."""
-    noise = HELD_SIGMAS * usual
-    return quickest * step + (noise if noise > HELD_LEAST else HELD_LEAST)
 
 
 def rate_within(held: Held, quickest: float, step: float) -> float:
@@ -190,18 +188,18 @@ def alone_step(held: Held, turned: tuple[float, float], time: float, jump: float
     """
     (by_heading, step), usual = turned, math.sqrt(held.at_once)
     quickest = rate_within(held, quickest, step)
-    least, turns = sudden_most(quickest, step, usual), abs(by_heading)
+    least, turns = off_most(quickest, step, usual), abs(by_heading)
     if math.isnan(held.onset):
         if not least < turns < jump + HELD_LEAST or held.is_turn or held.known < HELD_LAG:
             # half of it is the heading's before
             return usual_step(held, (by_heading / SQRT_2, by_heading), step, turns > HELD_STAYS * least)
         return begun(held, by_heading, time)._replace(offset=held.offset + by_heading, is_sudden=True)
     by_jump, moved = held.offset - held.before, (held.moved if held.is_sudden else 0.0) + by_heading
-    rest = 0.5 * sudden_most(0.0, 0.0, usual)
+    rest = 0.5 * off_most(0.0, 0.0, usual)
     if abs(moved) > HELD_STAYS * abs(by_jump):
         if abs(by_jump + moved) < HELD_STAYS * abs(by_jump):
             return ended(held._replace(offset=held.before), rest)
-        is_sudden = jump + HELD_LEAST > turns > sudden_most(quickest, held.stood + step, usual)
+        is_sudden = jump + HELD_LEAST > turns > off_most(quickest, held.stood + step, usual)
         if is_sudden and has_rested(held, time, step):
             return jumped_again(held, by_heading, time)
         return settled(held)._replace(moved=0.0, is_turn=True, jumps=held.jumps - 1)
@@ -244,15 +242,16 @@ def held_step(
     """
     (by_heading, by_rate, step), (time, rate), (jump, quickest) = turned, at, most
     after, usual, change = turns_step(turns, by_heading, by_rate, step), math.sqrt(held.usual), math.sqrt(held.at_once)
-    lasted = held.stood + step
+    lasted, turning = held.stood + step, turning_most(turns, rate)
     seen = Off(
         time,
         step,
         after.heading - after.rate,
         by_heading - by_rate,
-        unturned_most(turns, rate, lasted, usual, HELD_LAG),
-        unturned_most(turns, rate, lasted, change, lasted),
-        sudden_most(rate_within(held, quickest, step), lasted, change),
+        # a compass lags, and a rate stands for all of its step
+        off_most(turning, HELD_LAG + lasted, usual),
+        off_most(turning, lasted + lasted, change),
+        off_most(rate_within(held, quickest, step), lasted, change),
         jump + HELD_LEAST,
     )
     if is_looked_at(held):
@@ -271,19 +270,20 @@ def known_step(held: Held, seen: Off) -> Looked:
     by more at once, is looked at; one that was held to have jumped, and goes on to the same side soon, turns, unless it
     does so from rest and as suddenly as no boat does."""
     time, step, off, at_once, limit, once, sudden, ours = seen
-    goes_on = held.offset * off > 0.0 and abs(off) > HELD_RESTS * limit and time - held.jumped < TURN_SHOWS
-    if goes_on and abs(at_once) > sudden and abs(off - at_once) <= HELD_RESTS * limit:
+    size, size_at_once = abs(off), abs(at_once)
+    goes_on = held.offset * off > 0.0 and size > HELD_RESTS * limit and time - held.jumped < TURN_SHOWS
+    if goes_on and size_at_once > sudden and abs(off - at_once) <= HELD_RESTS * limit:
         goes_on = not has_rested(held, time, step)
-    is_off = abs(off) > limit or goes_on
-    if not (is_off or abs(at_once) > once) or abs(off) >= ours or held.known < HELD_LAG:
-        return usual_step(held, (off, at_once), step, abs(off) > limit), 0.0, 0.0
+    is_off = size > limit or goes_on
+    if not (is_off or size_at_once > once) or size >= ours or held.known < HELD_LAG:
+        return usual_step(held, (off, at_once), step, size > limit), 0.0, 0.0
     by = off if is_off else at_once
     begins = begun(held, by, time)
     if goes_on:
         return turning(begins._replace(before=0.0)), 0.0, held.offset
     if abs(by) >= ours:
         return turning(begins), 0.0, 0.0
-    return begins._replace(offset=held.offset + by, is_sudden=abs(at_once) > sudden), by, 0.0
+    return begins._replace(offset=held.offset + by, is_sudden=size_at_once > sudden), by, 0.0
 
 
 def looking_step(held: Held, seen: Off) -> Looked:
@@ -293,7 +293,7 @@ def looking_step(held: Held, seen: Off) -> Looked:
     by, before, since = seen.at_once, held.before, seen.time - held.onset
     offset, is_late = held.offset + by, since > 0.5 * HELD_SETTLES
     # half of what noise alone allows
-    rest, is_over = 0.5 * sudden_most(0.0, 0.0, math.sqrt(held.usual)), since >= HELD_SETTLES
+    rest, is_over = 0.5 * off_most(0.0, 0.0, math.sqrt(held.usual)), since >= HELD_SETTLES
     if seen.ours > abs(by) > seen.sudden:
         rests = is_late and abs(held.moved) <= HELD_RESTS * seen.limit and has_rested(held, seen.time, seen.step)
         if abs(offset - before) >= seen.ours or (rests and abs(offset - before) > rest):
@@ -326,7 +326,7 @@ def turn_shown(held: Held, turns: Turns, unseen: float) -> tuple[Held, Turns]:
 
 def is_looked_at(held: Held) -> bool:
     """Return whether it is not known yet what a heading that is off has done: jumped, turned, or been a spike."""
-    return not math.isnan(held.onset)
+    return held.onset == held.onset  # what is no number is not itself
 
 
 def jumped_again(held: Held, by: float, time: float) -> Held:
@@ -389,7 +389,7 @@ def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: floa
     """Take a heading; it may be off by `most` [rad] from the one before, the boat turning at `rate` [rad/s] as it is
     estimated, or as was measured beside both: where headings are seldom, the first knows nothing of what a sea does."""
     time, heading, measured, source = sample
-    if not math.isfinite(heading + time):
+    if not -math.inf < heading + time < math.inf:
         return before
     last, away, jumps, found, by, text = before
     newest = away[-1] if away else last

@@ -61,7 +61,7 @@ from autopilot.steering import (
     turning_at,
 )
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
-from autopilot.supervision.heading_jump import NO_TURNS, Turns, are_opposite, turns_step, unturned_most
+from autopilot.supervision.heading_jump import NO_TURNS, Turns, are_opposite, off_most, turning_most, turns_step
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.response_filter import NO_SEAWAY, counts_as_course
 from autopilot.supervision.rudder_response import FILED, enough, other_verdict, verdict
@@ -344,8 +344,9 @@ def _listen(
         gone = gone or abs(turned - before.rate * since) > 0.5 * campaign.alarms.heading_jump
         # what is usual only makes it wider
         turns, off = pilot_state.compass.turns, compass.turns.heading - compass.turns.rate
-        gone = gone or abs(turned - measured.rate * since) > unturned_most(turns, measured.rate, since, 0.0, since)
-        gone = gone or abs(off) > unturned_most(turns, measured.rate, since, 0.0, HELD_LAG)
+        turning = turning_most(turns, measured.rate)
+        gone = gone or abs(turned - measured.rate * since) > off_most(turning, since + since, 0.0)
+        gone = gone or abs(off) > off_most(turning, HELD_LAG + since, 0.0)
         gone = gone or measured.time - before.time > PREDICT_LONGEST
         # the gap that a restart of the filter ends is not carried over
         time = min(measured.time, before.time + PREDICT_LONGEST)
