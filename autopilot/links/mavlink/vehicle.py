@@ -13,8 +13,7 @@ from autopilot.angles import wrap
 from autopilot.links.mavlink.authority import GUIDED_MODE, ControlAuthority, RadioWatch
 from autopilot.links.mavlink.codec import Message
 from autopilot.links.mavlink.conditions import BATTERY, FENCING, FILTER, SYSTEM, TEXT, VehicleHealth
-from autopilot.links.mavlink.guided import GuidedTargets
-from autopilot.links.mavlink.offboard import OffboardTargets
+from autopilot.links.mavlink.guided import GuidedTargets, OffboardTargets
 from autopilot.links.mavlink.overrides import OverrideProbe, OverrideRelease
 from autopilot.links.mavlink.requests import MessageStreams, VehicleParameters, obstacle_of
 from autopilot.links.mavlink.steering import MIXED_US, SteeringOutput, share_from_servo
