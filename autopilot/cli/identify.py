@@ -84,11 +84,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--weighting",
-        choices=("likelihood", "residuals", "prediction-error"),
+        choices=("likelihood", "residuals"),
         default="likelihood",
-        help="likelihood (default): gusts, waves and noise are found with the boat; residuals: simulated and compared; "
-        "prediction-error: weigh each sample by what those before it could not predict, without propeller, wind, "
-        "drift and --fit-rudder",
+        help="likelihood (default): gusts, waves and noise are found with the boat; residuals: simulated and compared",
     )
     parser.add_argument(
         "--reference-speed-m-s", action=number(0.01, 100.0), metavar="U", help="default: mean speed of the LOGs"
@@ -230,19 +228,10 @@ def _refuse_below(arguments: argparse.Namespace, verdict: Verdict) -> None:
 
 
 def _check(arguments: argparse.Namespace, method: Method) -> None:
-    from autopilot.identification.registry import that_take
-
     _check_model(arguments, method)
     if arguments.course_unstable and (arguments.model.startswith("nomoto") or arguments.steady_turns):
         raise InputError(
             "--course-unstable needs n3 fitted from the LOGs: leave out --model nomoto and --steady-turns."
-        )
-    if arguments.weighting == "prediction-error" and (
-        "weighting" not in method.takes or arguments.course_unstable or arguments.fit_rudder or arguments.steady_turns
-    ):
-        raise InputError(
-            f"--weighting prediction-error goes with --method {that_take('weighting')} alone: leave out "
-            "--course-unstable, --fit-rudder and --steady-turns."
         )
     if arguments.logs:
         return
@@ -338,8 +327,6 @@ def _check_model(arguments: argparse.Namespace, method: Method) -> None:
         raise InputError(
             f"{asked} goes with --method {that_take(option)}, not with {method.name}; leave one of them out."
         )
-    if asked and arguments.weighting == "prediction-error":
-        raise InputError(f"{asked} and --weighting prediction-error exclude each other; leave one of them out.")
     if arguments.model == "auto" and (
         arguments.course_unstable or arguments.steady_turns or arguments.fit_rudder or arguments.trim == "per-run"
     ):

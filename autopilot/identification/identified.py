@@ -70,8 +70,8 @@ class Question(NamedTuple):
     steady_turns, gain [1/s]: n3 from steady turns, with K held at `gain`, or else at the fitted K.  start: where a
     recursive method begins, None for its own choice.  forgetting: of recursive least squares, 1 forgets nothing.
     rudder_train: names of RudderTrain to be fitted too, what lies between the recorded rudder and the water.
-    weighting: "likelihood" and "prediction-error" know gusts from instrument noise.  quadratic: n2 too, of a boat that
-    turns otherwise to one side.  trim: "per-run" fits an n0 for each run; the model has their mean.  progress: called
+    weighting: "likelihood" knows gusts from instrument noise.  quadratic: n2 too, of a boat that turns otherwise to one
+    side.  trim: "per-run" fits an n0 for each run; the model has their mean.  progress: called
     with how far it is.  prior: what other boats of its length say of the boat.
     """
 

@@ -30,7 +30,7 @@ from autopilot.identification.likelihood_model import (
     ordered,
 )
 from autopilot.identification.model_choice import CUBIC, START_N3, extended, may_extend
-from autopilot.identification.output_error import NOISE_ROUNDS, Solution, Weighting, solve
+from autopilot.identification.output_error import NOISE_ROUNDS, Solution, solve
 from autopilot.identification.prediction_bands import in_the_race
 from autopilot.identification.residuals import Fitted, RunTrims, initial_state, own_trims, triangle, typical_rate
 from autopilot.identification.runs import (
@@ -264,8 +264,7 @@ def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:
     reason, where it ends on its bound or cannot be distinguished from zero: the linear model that is left is stable
     everywhere. Of a course-unstable boat n3 is always fitted, and there is no smaller model to fall back to. Parts of
     the rudder's train, and n2, are left out again where they cannot be distinguished from 0 or would let the boat turn
-    without bound. The train goes neither with steady turns nor with a course-unstable boat; prediction-error weighting
-    is for K, T, n3 and n0 alone, of a course-stable boat.
+    without bound. The train goes neither with steady turns nor with a course-unstable boat.
 
     Raises InputError where the rudder never moves, the boat makes no way, the motion does not follow the
     rudder, or follows it backwards.
@@ -277,7 +276,7 @@ def identify(runs: Sequence[Run], question: Question = USUAL) -> Identified:
     steps = Steps(question.progress, total=1 + NOISE_ROUNDS * (fits + question.quadratic))
     start = starting_point(runs, speed)
     check_order_of_cause(runs, start)
-    fit = _Fit(runs, steps, question.weighting, own_trims(runs, question.trim))
+    fit = _Fit(runs, steps, own_trims(runs, question.trim))
     if _asks_likelihood(question, fit.trims):
         linear = start.model if start.model.gain > 0.0 and start.explained > LEAST_EXPLAINED else None
         fitted = ORDERED if ordered(runs) and not train else train
@@ -303,13 +302,12 @@ class _Fit(NamedTuple):
 
     runs: Sequence[Run]
     steps: Steps
-    weighting: Weighting
     trims: RunTrims
 
     def solve(self, start: Norrbin, free: tuple[str, ...], rounds: int = NOISE_ROUNDS) -> Solution:
         """Return the best model near `start` with `free`, and the runs' own trims, fitted."""
         named = (*free, *self.trims.names)
-        return solve(self.runs, Fitted(start, trims=self.trims), named, self.steps.next, rounds, self.weighting)
+        return solve(self.runs, Fitted(start, trims=self.trims), named, self.steps.next, rounds)
 
 
 def _asks_likelihood(question: Question, trims: RunTrims) -> bool:
@@ -380,8 +378,6 @@ def _norrbin(fit: _Fit, start: Norrbin, quadratic: bool, rudder_train: Sequence[
     if "n3" in reasons:
         found = fit.solve(found.model._replace(n3=0.0), LINEAR)
     plain = identified_from(found, reasons, runs)
-    if fit.weighting == "prediction-error":
-        return plain
     result = extended(runs, plain, rudder_train, fit.steps, (*base, *fit.trims.names), fit.trims)
     kept = {symbol: reason for symbol, reason in reasons.items() if symbol == "n2"}
     return result._replace(unidentifiable={**kept, **result.unidentifiable})

@@ -36,8 +36,8 @@ class Method(NamedTuple):
     """A way to identify; `tests/contract/test_identification_methods.py` holds every one in the registry to this.
 
     name: what `autopilot identify --method` calls it.  summary: what it does, in a line.  takes: what it can be asked
-    beyond the usual question: `models` (n2, Nomoto's second order, or to choose), `trim`, `rudder` (what lies before
-    it), and `weighting`.
+    beyond the usual question: `models` (n2, Nomoto's second order, or to choose), `trim`, and `rudder`, what
+    lies before it.
 
     identify: returns the model that all runs together give. The runs are not changed; the same runs give the same
     model. Raises InputError, in one sentence that names the runs, where they tell nothing: the rudder never moves, the
@@ -151,7 +151,7 @@ METHODS = (
         "output-error",
         "simulates the model with the recorded rudder and fits heading and rate; with standard errors",
         identify,
-        frozenset({"models", "trim", "rudder", "weighting"}),
+        frozenset({"models", "trim", "rudder"}),
     ),
     Method("two-stage", "recursive least squares for K and T, n3 from steady turns (Jiang et al. 2016)", two_stage),
 )

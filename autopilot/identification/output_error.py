@@ -17,7 +17,6 @@ the second differences of the record: a boat at rest forgets nothing, and must n
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -26,7 +25,6 @@ from autopilot.identification.residuals import (
     Fitted,
     Noise,
     Problem,
-    disturbance_in,
     initial_state,
     residual_noise,
     robust_covariance,
@@ -71,10 +69,10 @@ SETTLED = 0.01
 """Relative change of the weights below which another round would change nothing that matters."""
 
 
-Weighting = Literal["likelihood", "residuals", "prediction-error"]
+Weighting = Literal["likelihood", "residuals"]
 """How rate and heading are weighed: by the likelihood of all motions that gusts allow (`identification.likelihood_fit`;
-what it does not know, n2, trims of the runs' own, a lead, is fitted by residuals); each by its residuals' size and
-memory; or by how far each sample could not be predicted from those before it, in gusts (`identification.residuals`)."""
+what it does not know, n2, trims of the runs' own, a lead, is fitted by residuals); or each by its residuals' size and
+memory."""
 
 
 class Solution(NamedTuple):
@@ -114,7 +112,6 @@ def solve(
     free: tuple[str, ...],
     after_round: Callable[[], None] = lambda: None,
     rounds: int = NOISE_ROUNDS,
-    weighting: Weighting = "residuals",
 ) -> Solution:
     """Return the best model near `start` with the parameters `free` of it fitted.
 
@@ -127,9 +124,6 @@ def solve(
     for _ in range(rounds):
         steps = fit_steps(segments, base.model, scale)
         problem = Problem(segments, steps, base, free, scale, units(base, scale, segments))
-        if weighting == "prediction-error":
-            residuals = [values for values, _ in problem.response(problem.vector(states))]
-            problem = replace(problem, disturbance=disturbance_in(residuals, segments, base.model.time_constant))
         start_z = problem.vector(states)
         z = _minimise(problem, start_z, noise or _noise(problem, start_z), TOLERANCE if noise else FIRST_TOLERANCE)
         base = problem.fitted(z)

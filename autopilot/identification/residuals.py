@@ -10,19 +10,6 @@ A trim of each run's own: what wind and current are worth differs between record
 An n0 of its own is, at all speeds, a rudder angle that the run's rudder stands off by: K delta - n0 = K (delta + t) -
 n0', for K and n0 both go with the speed. The angles t of R runs are fitted as R - 1 orthogonal contrasts that add up to
 nothing, beside the n0 that the runs have on average; they are nuisance parameters, of no use for another day.
-
-Prediction-error weighting: residuals of a simulation through the Kalman filter that makes them white.
-
-Gusts push the boat, and what they push it off course it keeps for a while. The errors of a simulated boat are then a
-process of their own, x' = -x/T + w in the rate and its integral in the heading, seen through the instruments' noise. A
-steady Kalman filter of that process turns residuals e_k into innovations, what of e_k could not be predicted from those
-before it:
-
-    n_k = S^(-1/2) (e_k - H x_k),    x_k+1 = A x_k + A K (e_k - H x_k)
-
-The filter is linear, so derivatives go through it likewise, and least squares of innovations is the prediction-error
-method of Ljung 1999 (chapter 7) for Nomoto's model; for Norrbin's the noise is that of the straight course. Where there
-are no gusts the gain K is next to nothing, and the fit that of the output error.
 """
 
 from __future__ import annotations
@@ -32,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
-from scipy.linalg import expm, helmert, solve_discrete_are
+from scipy.linalg import helmert
 
 from autopilot.identification.rudder_path import DIRECT, RudderTrain
 from autopilot.identification.runs import FloatArray, Run, Segment
@@ -175,99 +162,6 @@ def _contrasts(count: int) -> FloatArray:
     return np.asarray(helmert(count + 1).T, dtype=np.float64)
 
 
-LEAST_SHARE = 1.0e-3
-"""Gusts and noise are never taken to be below this share of the residuals."""
-
-
-class DisturbanceModel(NamedTuple):
-    """What makes residuals of rate and heading: process [rad/s/sqrt(s)], the root of the intensity that drives the
-    rate; memory [s], how long the boat keeps it; rate [rad/s] and heading [rad], the instruments' noise, inf where
-    nothing is measured."""
-
-    process: float
-    memory: float
-    rate: float
-    heading: float
-
-
-def disturbance_in(residuals: Sequence[FloatArray], segments: Sequence[Segment], memory: float) -> DisturbanceModel:
-    """Return what explains `residuals`, per segment of shape (N, 2), rate and heading, of a boat of that memory [s].
-
-    The part of the rate's residuals that is still there a sample later is the gusts', of variance q^2 memory/2; the
-    rest, or the second differences of the record where they are less, is the instrument's.
-    """
-    pairs = [_neighbours(values, segment) for values, segment in zip(residuals, segments, strict=True)]
-    now, later = (np.concatenate([pair[i] for pair in pairs]) for i in (0, 1))
-    variance = max(float(np.mean(now**2)), 1.0e-18)
-    lasting = min(max(float(np.mean(now * later)), LEAST_SHARE**2 * variance), variance)
-    rate = _together([instrument_noise(segment.rate) for segment in segments])
-    if np.isfinite(rate):
-        rate = max(min(rate, (variance - lasting) ** 0.5), LEAST_SHARE * variance**0.5)
-    heading = _together([instrument_noise(segment.heading) for segment in segments])
-    return DisturbanceModel((2.0 * lasting / memory) ** 0.5, memory, rate, heading)
-
-
-def innovations(table: FloatArray, spacing: float, disturbance: DisturbanceModel) -> FloatArray:
-    """Return the columns of `table`, shape (N, 2, C), rate and heading every `spacing` [s], through the filter: what is
-    new in each sample, in units of its standard deviation. A channel that is not measured gives 0."""
-    from scipy.signal import lfilter, ss2tf  # slow to load, and the likelihood does without
-
-    measured = [i for i, size in enumerate((disturbance.rate, disturbance.heading)) if np.isfinite(size)]
-    states = 2 if np.isfinite(disturbance.heading) else 1  # an angle that nobody sees counts for nothing
-    H = np.eye(2)[measured, :states]
-    A, Q = (matrix[:states, :states] for matrix in _process(disturbance, spacing))
-    R = np.diag(np.square([(disturbance.rate, disturbance.heading)[i] for i in measured]))
-    P = solve_discrete_are(A.T, H.T, Q, R)
-    S = H @ P @ H.T + R
-    gain = A @ np.linalg.solve(S, H @ P).T
-    whiten = np.linalg.inv(np.linalg.cholesky(S))
-    result = np.zeros_like(table)
-    for column, source in enumerate(measured):
-        numerators, denominator = ss2tf(A - gain @ H, gain, -whiten @ H, whiten, input=column)
-        for row, target in enumerate(measured):
-            result[:, target] += lfilter(numerators[row], denominator, table[:, source], axis=0)
-    return result
-
-
-def bridged(table: FloatArray) -> FloatArray:
-    """Return `table`, shape (N, 2, C), the residual in its last column, with rows in which that is missing taken from
-    their neighbours: residuals and derivatives alike, so that they remain each other's."""
-    result = table.copy()
-    for channel in range(2):
-        there = np.flatnonzero(np.isfinite(table[:, channel, -1]))
-        if not there.size:
-            result[:, channel] = 0.0
-        elif there.size < table.shape[0]:
-            rows = np.arange(table.shape[0])
-            for column in range(table.shape[2]):
-                result[:, channel, column] = np.interp(rows, there, table[there, channel, column])
-    return result
-
-
-def _process(disturbance: DisturbanceModel, spacing: float) -> tuple[FloatArray, FloatArray]:
-    """Return transition and noise of (rate error, heading error) over a sample, after Van Loan 1978."""
-    F = np.array([[-1.0 / disturbance.memory, 0.0], [1.0, 0.0]])
-    block = np.zeros((4, 4))
-    block[:2, :2], block[:2, 2:], block[2:, 2:] = -F, np.diag([disturbance.process**2, 0.0]), F.T
-    exponential = expm(block * spacing)
-    A = exponential[2:, 2:].T
-    return A, A @ exponential[:2, 2:]
-
-
-def _neighbours(residuals: FloatArray, segment: Segment) -> tuple[FloatArray, FloatArray]:
-    """Return residuals of the rate and those a sample later; from headings, which share one, two samples later."""
-    rated, headed = (np.isfinite(residuals[:, channel]) for channel in (0, 1))
-    error, lag = residuals[rated, 0], 1
-    if not error.size:
-        error, lag = np.diff(residuals[headed, 1]) / np.diff(segment.time[headed]), 2
-    return error[:-lag], error[lag:]
-
-
-def _together(noises: Sequence[float]) -> float:
-    known = [noise for noise in noises if np.isfinite(noise)]
-    return float(np.sqrt(np.mean(np.square(known)))) if known else float("inf")
-
-
 DIFFERENCE_STEP = 1.0e-6
 """Step of the finite differences in the scaled vector."""
 
@@ -302,8 +196,6 @@ class Problem:
     free: tuple[str, ...]
     typical_rate: float
     units: dict[str, float]
-    disturbance: DisturbanceModel | None = None
-    """Where residuals are weighted by how well they could be predicted, what explains them."""
     memory: dict[bytes, list[tuple[FloatArray, FloatArray]]] = field(default_factory=dict, repr=False)
     """The latest response by its vector: minimiser, noise and standard errors ask for the same one in turn."""
     latest: dict[str, Trajectory] = field(default_factory=dict, repr=False)
@@ -416,28 +308,13 @@ class Problem:
         return [*columns, [F]], [*scales, np.array([self.typical_rate])]
 
     def weighted(self, z: FloatArray, noise: Sequence[Noise]) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the response times the weights of rate and heading, 0 where nothing was measured; with gusts its
-        innovations."""
-        if self.disturbance is not None:
-            return [
-                self._innovations(segment, *each) for segment, each in zip(self.segments, self.response(z), strict=True)
-            ]
+        """Return the response times the weights of rate and heading, 0 where nothing was measured."""
         weight = np.array([instrument.weight for instrument in noise])
         result = []
         for values, slope in self.response(z):
             scale = np.isfinite(values) * weight
             result.append((np.where(np.isfinite(values), values, 0.0) * scale, slope * scale[:, :, None]))
         return result
-
-    def _innovations(self, segment: Segment, values: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
-        assert self.disturbance is not None
-        # rows without a motion predict nothing
-        measured = np.isfinite(values).any(axis=1)
-        table = bridged(np.concatenate([slope, values[:, :, None]], axis=2)[measured])
-        new = np.zeros((values.shape[0], 2, table.shape[2]))
-        new[measured] = innovations(table, float(np.median(np.diff(segment.time[measured]))), self.disturbance)
-        new *= np.isfinite(values)[:, :, None]
-        return new[:, :, -1], new[:, :, :-1]
 
     def anchors(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the initial states' distance from the first measured ones in units of the instrument noise,

@@ -16,7 +16,6 @@ from zigzag_trials import RECORDINGS, noisy, run_of, zigzag
 from autopilot.errors import InputError
 from autopilot.identification.identified import Question
 from autopilot.identification.identify import identify
-from autopilot.identification.output_error import Weighting
 from autopilot.identification.runs import FloatArray, run_from_columns, without_freezes, without_spikes
 from autopilot.logs.csv_log import read_csv
 
@@ -158,21 +157,17 @@ def test_headings_that_are_blank_for_whole_turns_lose_none_of_them(rates: bool) 
 
 
 @pytest.mark.parametrize("every", [3, 5, 10])
-@pytest.mark.parametrize("weighting", ["likelihood", "prediction-error"])
-def test_a_motion_that_is_measured_in_some_rows_alone_is_fitted_as_it_was_measured(
-    weighting: Weighting, every: int
-) -> None:
+def test_a_motion_that_is_measured_in_some_rows_alone_is_fitted_as_it_was_measured(every: int) -> None:
     """A logger's rows hold the rudder 20 times a second, and the motion as seldom as its instruments send it."""
     table = zigzag(np.radians(15), 120, 0.05, K=0.35, T=2.2, n3=1.2, rudder_rate=np.radians(12), speed=3.0)
     table = noisy(table, np.radians(0.1), np.radians(0.2), seed=1)
     blank = np.arange(table["time_s"].size) % every > 0
     seldom = {name: np.where(blank, np.nan, table[name]) for name in ("heading_rad", "yaw_rate_rad_s")}
-    found = identify([run_of({**table, **seldom})], Question(weighting=weighting))
+    found = identify([run_of({**table, **seldom})], Question())
     for name, truth in (("gain", 0.35), ("time_constant", 2.2)):
         value, error = getattr(found.model, name), found.standard_errors[name]
         assert value == pytest.approx(truth, rel=0.02)
-        # prediction-error weighting leaves n3 out, and its doubt
-        assert error is not None and (weighting != "likelihood" or abs(value - truth) < 4.0 * error)
+        assert error is not None and abs(value - truth) < 4.0 * error
 
 
 def test_a_boat_that_lies_still_has_no_frozen_compass() -> None:

@@ -190,7 +190,7 @@ def test_the_command_prints_the_candidates_and_writes_n2(
         ["--model", "auto", "--course-unstable"],
         ["--model", "auto", "--method", "ekf"],
         ["--model", "norrbin-n2", "--method", "two-stage"],
-        ["--trim", "per-run", "--weighting", "prediction-error"],
+        ["--trim", "per-run", "--method", "ekf"],
     ],
 )
 def test_options_that_exclude_each_other_are_named(
