@@ -26,7 +26,7 @@ from autopilot.files.outside import typed_number
 from autopilot.links.base import LinkError, NotThereError
 from autopilot.models.steering_gear import SteeringGear
 from sitl.boat import Disturbance
-from sitl.fault_kind import RECEIVER, Acting, Moved, Ordered
+from sitl.fault_table import RECEIVER, Acting, Moved, Ordered
 from sitl.registry import KINDS, SOURCES, FaultKind, Source, that_act_at, that_silence, wrong_size, wrong_source
 from sitl.scenario import FaultSection
 

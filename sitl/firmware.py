@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from sitl.fault_kind import GPS
+from sitl.fault_table import GPS
 from sitl.faults import VehicleFaults
 from sitl.firmware_parameters import FORMAT_VERSION, GROUND_PRESSURE, ParameterTable, default_parameters
 from sitl.firmware_setup import (

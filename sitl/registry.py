@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from autopilot.errors import InputError
 from sitl.boat import PlantKind
-from sitl.fault_kind import Kind
+from sitl.fault_table import Kind
 
 if TYPE_CHECKING:
     from sitl.scenario import Scenario

@@ -18,7 +18,7 @@ from autopilot.angles import wrap, wrap_positive
 from autopilot.models.weather import apparent_wind
 from autopilot.vessel.schema import Vessel
 from sitl.boat import EARTH_RADIUS, BoatState
-from sitl.fault_kind import COMPASS, EVERYTHING, Acting, Dice
+from sitl.fault_table import COMPASS, EVERYTHING, Acting, Dice
 from sitl.faults import FaultBoard
 from sitl.registry import Source
 from sitl.scenario import Scenario

@@ -33,7 +33,7 @@ from autopilot.links.transports.medium import UrlOptions
 from autopilot.links.url import BAUD_MAX, BAUD_MIN, SCHEMES, open_transport, parse_url
 from autopilot.vessel.file import load_vessel
 from sitl.drives import DriveLine, JrkController, MaestroController, PypilotController, ValveController
-from sitl.fault_kind import Damage
+from sitl.fault_table import Damage
 from sitl.faults import Fault, FaultBoard, FaultService
 from sitl.firmware import Firmware
 from sitl.lines import FirmwareTcpServer, PtyTransport

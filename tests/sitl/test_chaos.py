@@ -9,7 +9,7 @@ import pytest
 
 from autopilot.errors import InputError
 from autopilot.vessel.file import load_vessel
-from sitl.fault_kind import Damage
+from sitl.fault_table import Damage
 from sitl.faults import Fault
 from sitl.scenario import load_scenario
 from sitl.serve import ChaosLine, ChaosPort, chaos_faults
