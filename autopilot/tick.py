@@ -182,7 +182,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
 
     monitors, estimate, control, failsafe = select(config, state, supervisor, now, timely)
     is_ours = was is Mode.ENGAGED and boat.rudder_is_ours
-    monitors, estimate, timely = held_course(monitors, estimate, timely, (now, dt, is_ours))
+    if monitors.consistency.held.offset:
+        monitors, estimate, timely = held_course(monitors, estimate, timely, (now, dt, is_ours))
     estimate, way, is_other_boat = believe(steering, state, monitors, estimate, now)
     estimate = estimated(steering.estimator, estimate, now, timely)
     standing = monitors.compass.standing
@@ -317,8 +318,6 @@ def held_course(
     """Return the samples with headings as the rate of turn carries them past a jump of the compass, and the state as
     far as the compass is followed. at: see `followed`."""
     held, (now, dt, is_ours) = monitors.consistency.held, at
-    if held.offset == 0.0:
-        return monitors, estimate, samples
     # a compass that stands where it jumped to is not followed
     stands = is_ours and monitors.compass.standing.samples >= FROZEN_SAMPLES
     held, turn = followed(held, now, 0.0 if stands else dt, is_ours)
