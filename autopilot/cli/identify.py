@@ -51,9 +51,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--model",
-        choices=("auto", "nomoto", "nomoto1", "nomoto2", "norrbin", "norrbin-n2"),
+        choices=("auto", "nomoto", "nomoto2", "norrbin", "norrbin-n2"),
         default="norrbin",
-        help="nomoto, nomoto1: n3 = 0; nomoto2: with lag and lead; norrbin-n2: n2 r^2 too; auto: what predicts best, "
+        help="nomoto: n3 = 0; nomoto2: with lag and lead; norrbin-n2: n2 r^2 too; auto: what predicts best, "
         "with the table of candidates (default norrbin)",
     )
     parser.add_argument(
@@ -309,9 +309,7 @@ def _form_of(arguments: argparse.Namespace) -> Question:
     """Return the form that --model, --course-unstable, --fit-rudder and --trim ask for; of auto, that of norrbin."""
     from autopilot.identification.model_choice import FORMS
 
-    named = FORMS[
-        "nomoto1" if arguments.model == "nomoto" else arguments.model if arguments.model in FORMS else "norrbin"
-    ]
+    named = FORMS[arguments.model if arguments.model in FORMS else "norrbin"]
     train = (*named.rudder_train, *(name for name in _rudder_train(arguments) if name not in named.rudder_train))
     own = {"course_unstable": arguments.course_unstable, "rudder_train": train, "trim": arguments.trim}
     return named._replace(weighting=arguments.weighting, **own)

@@ -289,7 +289,7 @@ LEAST_WORTH = 2.0
 
 SECOND_ORDER = ("lag", "lead")
 FORMS = {
-    "nomoto1": Question("nomoto"),
+    "nomoto": Question("nomoto"),
     "nomoto2": Question("nomoto", rudder_train=SECOND_ORDER),
     "norrbin": Question(weighting="residuals"),
     "norrbin-n2": Question(quadratic=True),

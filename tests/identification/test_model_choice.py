@@ -106,7 +106,7 @@ def test_one_run_alone_has_no_trim_of_its_own() -> None:
 
 @pytest.mark.parametrize(
     ("boat", "expected"),
-    [({"n3": 0.0}, "nomoto1"), ({"n3": 0.0, "lag": 0.8}, "nomoto2"), ({}, "norrbin")],
+    [({"n3": 0.0}, "nomoto"), ({"n3": 0.0, "lag": 0.8}, "nomoto2"), ({}, "norrbin")],
 )
 def test_the_form_that_made_the_record_is_chosen(
     boat: dict[str, float], expected: str, monkeypatch: pytest.MonkeyPatch
@@ -124,7 +124,7 @@ def test_the_form_that_made_the_record_is_chosen(
 
 
 def test_a_course_unstable_boat_is_recognised_from_blocks_of_one_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_choice, "FORMS", {name: FORMS[name] for name in ("nomoto1", "norrbin unstable")})
+    monkeypatch.setattr(model_choice, "FORMS", {name: FORMS[name] for name in ("nomoto", "norrbin unstable")})
     record = run(5, K=0.4, T=1.0, n3=20.0, n1=-1.0)
     near = Norrbin(0.5, 1.3, n3=25.0, n1=-1.0, reference_speed=SPEED)
 
@@ -140,7 +140,7 @@ def test_a_course_unstable_boat_is_recognised_from_blocks_of_one_run(monkeypatch
 
 
 def test_trims_of_their_own_are_chosen_where_they_are_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_choice, "FORMS", {"nomoto1": FORMS["nomoto1"]})
+    monkeypatch.setattr(model_choice, "FORMS", {"nomoto": FORMS["nomoto"]})
     runs = [run(seed, n3=0.0, n0=n0) for seed, n0 in enumerate((0.06, -0.06, 0.05))]
     choice = choose(runs, fit)
     assert choice.chosen.endswith(", trim per run")
@@ -171,7 +171,7 @@ def test_the_command_prints_the_candidates_and_writes_n2(
 ) -> None:
     logs = [save(tmp_path / f"{seed}.csv", table(seed, n2=1.5)) for seed in range(2)]
     vessel = tmp_path / "boat.yaml"
-    few = {name: FORMS[name] for name in ("nomoto1", "norrbin", "norrbin-n2")}
+    few = {name: FORMS[name] for name in ("nomoto", "norrbin", "norrbin-n2")}
     monkeypatch.setattr(model_choice, "FORMS", few)
     assert main(["identify", *logs, "--model", "auto", "--rudder-max-deg", "35", "--out", str(vessel)]) == 0
     said = capsys.readouterr().out
