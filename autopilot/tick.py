@@ -40,6 +40,7 @@ from autopilot.estimation.rudder_observer import (
     angle_of,
     begun_at,
     is_fed_back,
+    measured_at,
     rudder_rate_step,
 )
 from autopilot.estimation.tuning import BIAS_MOST, GEAR_SEA, WAVE_DEVIATION_FIRST
@@ -254,7 +255,9 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         known = begun_at(present.rudder) if is_new_path else state.rudder.rate
         estimate, way, rate = with_gear_found(config.steering, (estimate, way), known, dt, present, found)
     else:
-        rate = begun_at(present.rudder)
+        slowest = min(monitors.rudder.following.slow) if is_ours and model.n1 > 0.0 else math.inf
+        # a plan keeps to a share of the rate, as a file may be wrong: one that was measured is used whole
+        rate = measured_at(present.rudder, steering.timed_gear.rate_max, slowest / steering.rudder_share)
 
     panel, alarms, siren, states = update_panel(state.panel, memory, now, samples, order, found)
     number, helm, given = state.number + 1, memory.state, Rudder(command, rest, reckons, rate)

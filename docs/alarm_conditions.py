@@ -140,8 +140,8 @@ CONDITIONS = {
         key="model.K_1_s, helm.rudder_at_full_pwm_deg",
     ),
     "rudder_slow": Condition(
-        "the rudder sensor, or the boat's answer, shows a quarter of the filed rate; the law then uses a quarter of "
-        "the gain",
+        "the rudder sensor shows less than half of the filed rate to a side, or the boat's answer a quarter; turns are "
+        "then planned with what was found",
         key="rudder.rate_max_deg_s",
     ),
     "path_late": Condition(

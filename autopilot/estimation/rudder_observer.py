@@ -265,6 +265,12 @@ def begun_at(angle: float, slower: float = 1.0) -> RudderRate:
     return RudderRate((gear, gear, gear, gear), math.nan, 0.0, 0.0, 0.0, 0.0, slower, slower > 1.0)
 
 
+def measured_at(angle: float, filed: float, rate: float) -> RudderRate:
+    """Return what is known of a rudder at `angle` [rad] whose sensor shows a `rate` [rad/s] where more is `filed`; inf:
+    it shows none that is much slower."""
+    return begun_at(angle, max(filed / rate, 1.0))
+
+
 def angle_of(state: RudderRate) -> float:
     """Return where the rudder [rad] of the gear that is gone by is."""
     return state.gears[SLOWER.index(state.slower)][0]

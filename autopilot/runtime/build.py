@@ -334,7 +334,7 @@ def _steerage_of(vessel: Vessel) -> float:
 
 def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
     """Return what the monitors of the vessel go by."""
-    alarms, follow = vessel.alarms, follow_of(vessel)
+    alarms, follow, gear = vessel.alarms, follow_of(vessel), gear_of(vessel)
     return AlarmLimits(
         radians_or_unlimited(alarms.off_course_deg),
         alarms.off_course_s,
@@ -350,6 +350,7 @@ def alarm_limits_of(vessel: Vessel) -> AlarmLimits:
         vessel.failsafe.action == "windward",
         math.radians(max(vessel.sensors.heading_noise_deg, HEADING_NOISE_LEAST_DEG)) ** 2,
         LATE_PERIODS / vessel.control.rate_hz,
+        (gear.to_port, gear.to_starboard),
     )
 
 

@@ -14,8 +14,9 @@ class AlarmLimits(NamedTuple):
     """off_course [rad] for off_course_time [s]; roll [rad]; heading_jump [rad]; rate_disagrees [rad]; innovation in
     standard deviations; inf: not watched. frozen_heading, rudder_response: watched or not. wind_wanted: whether a wind
     that is not known is to be said. rudder_tolerance [rad], rudder_rate [rad/s] and rudder_delay [s]: how closely a
-    rudder whose angle is measured must follow. heading_noise [rad^2]: the compass's variance. late [s]: the time
-    between two ticks beyond which the second is late.
+    rudder whose angle is measured must follow; rudder_sides: how many times that rate it moves to port and starboard,
+    the slower side once. heading_noise [rad^2]: the compass's variance. late [s]: the time between two ticks beyond
+    which the second is late.
     """
 
     off_course: float = math.inf
@@ -32,6 +33,7 @@ class AlarmLimits(NamedTuple):
     wind_wanted: bool = False
     heading_noise: float = math.radians(0.5) ** 2
     late: float = math.inf
+    rudder_sides: tuple[float, float] = (1.0, 1.0)
 
 
 class MonitorInput(NamedTuple):

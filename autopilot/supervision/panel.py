@@ -111,7 +111,7 @@ WORDS = {
     ),
     "rudder_slow": Words(
         "the rudder is much slower than its file says",
-        "check the drive's supply and oil, and rudder.rate_max_deg_s; the boat is steered softly",
+        "check the drive's supply and oil, and rudder.rate_max_deg_s; the boat turns more slowly",
     ),
     "path_late": Words(
         "orders reach the rudder later than the file says",

@@ -98,8 +98,10 @@ def line_step(before: Line, now: float, angle: float, elapsed: float, history: H
 
 class Following(NamedTuple):
     """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
-    how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off;
-    is_slow: it goes to its orders, and much slower than filed; name and shown: what is found, '' for nothing;
+    how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off to
+    the same side, negative to port; slow [rad/s]: the newest rate to port and to starboard that was much slower than
+    filed, inf: none was;
+    name and shown: what is found, '' for nothing;
     late_until [s]: until then it is not our order that says where it goes; line: what its line may have held; began:
     when [s] it began to go away, and angle and order [rad] then."""
 
@@ -110,12 +112,17 @@ class Following(NamedTuple):
     high: float = -math.inf
     way: float = 0.0
     way_time: float = 0.0
-    is_slow: bool = False
+    slow: tuple[float, float] = (math.inf, math.inf)
     name: str = ""
     shown: str = ""
     late_until: float = -math.inf
     line: Line = Line()
     began: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether it goes to its orders, and to a side much slower than filed."""
+        return min(self.slow) < math.inf
 
 
 def following_step(
@@ -134,7 +141,7 @@ def following_step(
     A line that stalls holds our orders, or the angles, and delivers them late: as long as it may do so (`line_step`)
     those orders are among them.
     """
-    last, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line, began = before
+    last, bucket, away, low, high, way, way_time, slow, name, shown, late_until, line, began = before
     angle, now, delay, filed = sample.angle, sample.time, limits.rudder_delay, limits.rudder_rate
     if last is not None and last.source == sample.source and now <= last.time:
         return before
@@ -172,10 +179,23 @@ def following_step(
             name = "rudder_stuck" if high - low < STANDS else "rudder_not_following"
         if name:
             shown = f"{math.degrees(angle):.1f} deg where {math.degrees(order):.1f} deg is ordered"
-    way, way_time = (way + moved, way_time + elapsed) if is_off and math.isfinite(filed) else (0.0, 0.0)
-    timed = way_time - delay
-    is_slow = is_slow or (timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed)
-    return Following(sample, bucket, away, low, high, way, way_time, is_slow, name, shown, late_until, line, began)
+    side = math.copysign(1.0, order - angle) if is_off and math.isfinite(filed) else 0.0
+    way, way_time, slow = slow_step((way, way_time, slow), limits, side, (moved, elapsed))
+    return Following(sample, bucket, away, low, high, way, way_time, slow, name, shown, late_until, line, began)
+
+
+def slow_step(
+    before: tuple[float, float, tuple[float, float]], limits: AlarmLimits, side: float, moved: tuple[float, float]
+) -> tuple[float, float, tuple[float, float]]:
+    """Return `Following`'s way, way_time and slow after a rudder that is off its order to a `side`, 0.0: it is not, has
+    `moved` there [rad] in a time [s]."""
+    way, way_time, slow = before
+    way, way_time = (way, way_time) if side * way_time > 0.0 else (0.0, 0.0)
+    way, way_time = way + abs(side) * moved[0], way_time + side * moved[1]
+    timed, filed = abs(way_time) - limits.rudder_delay, limits.rudder_rate * limits.rudder_sides[side > 0.0]
+    if timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed:
+        slow = (slow[0], way / timed) if side > 0.0 else (way / timed, slow[1])
+    return way, way_time, slow
 
 
 def _is_led(began: tuple[float, float, float], at: tuple[float, float, float], history: History) -> bool:

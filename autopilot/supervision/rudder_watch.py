@@ -333,7 +333,8 @@ def update(
         news = (other, response.other, SLOW_RUDDER if following.is_slow else FILED)
         other = min(each for each in news if each != FILED)
         rests = rests or (other == SLOW_RUDDER and seen.damps_roll and seen.model.n1 > 0.0)
-        slow = other == SLOW_RUDDER and not seen.rudder_is_slow
+        # where the rate is known turns are planned with it, and no law need be softer
+        slow = other == SLOW_RUDDER and not (seen.rudder_is_slow or following.is_slow)
         asks_less = other == LIVELIER or (slow and not rests and seen.model.n1 > 0.0)
     after = State(
         since, following, response, overpowered, runaway, stop_since, doubted, other, asks_less, rests, doubts

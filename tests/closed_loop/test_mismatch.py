@@ -15,7 +15,7 @@ from plant import Plant
 
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin
-from autopilot.models.steering_gear import SteeringGear
+from autopilot.models.steering_gear import SteeringGear, sided
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.runtime.tuning import designed
 from autopilot.signals import Mode, Order, OrderKind, RudderSample, Sample, SpeedSample, Tick
@@ -203,6 +203,27 @@ def test_a_slow_rudder_is_named_and_steered_softly_or_given_back(name: str, shar
     if outcome.gave_back == math.inf:
         assert outcome.said("much slower than its file says")
         assert outcome.swing < 3.0
+
+
+@pytest.mark.parametrize("slow_side", [-1, 1])
+def test_turns_are_planned_with_the_rate_that_a_sensor_shows(slow_side: int) -> None:
+    """A quarter of the filed rate to one side: the first turn shows it, and those after it keep to it."""
+    vessel = vessel_of(BOATS["lanxin"])
+    gear, model = gear_of(vessel), model_of(vessel)
+    quick = gear.rate_max
+    real = sided(gear, *((0.25 * quick, quick) if slow_side < 0 else (quick, 0.25 * quick)))
+    plant = Sailing(model, real, heading_noise=math.radians(0.3), rate_noise=math.radians(0.2), sensor=True)
+    pilot, dt, lasts = build_pilot(vessel), 0.05, 100.0 + 25.0 * model.time_constant
+    past, said = [0.0] * 4, False
+    while plant.time < 4.0 * lasts:
+        turn = int(plant.time / lasts)
+        course, side = (math.radians(90.0), 1.0) if turn % 2 else (0.0, -1.0)
+        tick = pilot.step(plant.time, tuple(plant.sense()), Order(OrderKind.HEADING, course, serial=1))
+        said = said or any("much slower than its file says" in alarm for alarm in words_of(tick))
+        plant.step(tick.command.angle, dt)
+        past[turn] = max(past[turn], side * math.degrees(wrap(plant.heading - course)))
+    assert said
+    assert max(past[2:]) < 3.0
 
 
 def test_a_tanker_filed_with_a_quick_rudder_that_is_slow_is_held_after_the_turn() -> None:

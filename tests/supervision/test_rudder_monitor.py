@@ -78,9 +78,9 @@ def test_a_rudder_on_its_way_is_none_of_them(side: float, start: float) -> None:
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(
     ("share", "seconds", "is_slow"),
-    [(0.30, 2.4, True), (0.30, 2.0, False), (0.32, 4.0, True), (0.35, 4.0, False), (1.0, 4.0, False)],
+    [(0.45, 2.4, True), (0.45, 2.0, False), (0.48, 4.0, True), (0.52, 4.0, False), (1.0, 4.0, False)],
 )
-def test_less_than_a_third_of_the_filed_rate_for_two_seconds_is_slow(
+def test_less_than_half_of_the_filed_rate_for_two_seconds_is_slow(
     side: float, share: float, seconds: float, is_slow: bool
 ) -> None:
     monitor = Following(LIMITS)
@@ -90,6 +90,18 @@ def test_less_than_a_third_of_the_filed_rate_for_two_seconds_is_slow(
         monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(200.0), 0.6, True))
     assert monitor.found == ""
     assert monitor.is_slow is is_slow
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_rudder_is_slow_by_the_rate_that_is_filed_to_that_side(side: float) -> None:
+    """To port it is filed twice as quick: what half of the slower rate is to starboard is a quarter to port."""
+    monitor, share = Following(LIMITS._replace(rudder_sides=(2.0, 1.0))), 0.6
+    for step in range(41):
+        now = 0.1 * step
+        monitor.on_sample(RudderSample(now, side * share * LIMITS.rudder_rate * now, False, "RSA"))
+        monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(200.0), 0.6, True))
+    measured = pytest.approx(share * LIMITS.rudder_rate, rel=0.06)
+    assert monitor.value.following.slow == ((measured, math.inf) if side < 0.0 else (math.inf, math.inf))
 
 
 @pytest.mark.parametrize(("seconds", "is_slow"), [(2.0, False), (2.4, True)])
