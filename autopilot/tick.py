@@ -89,11 +89,10 @@ from autopilot.steering import (
 )
 from autopilot.supervision import failsafe, panel
 from autopilot.supervision.alarms import kind_of
-from autopilot.supervision.compass_watch import handed_over
+from autopilot.supervision.compass_watch import is_stale
 from autopilot.supervision.envelope import Picture
 from autopilot.supervision.failsafe import FailsafeSteering
-from autopilot.supervision.frozen_heading import is_stale
-from autopilot.supervision.heading_jump import followed, is_looked_at
+from autopilot.supervision.heading_and_rate import followed, handed_over, is_looked_at
 from autopilot.supervision.monitor_input import MonitorInput
 from autopilot.supervision.monitors import (
     NO_THRUST_SEEN,

@@ -23,7 +23,7 @@ from study_boats import SEAS, StudyBoat, StudySea
 from autopilot.angles import wrap
 from autopilot.runtime.build import build_pilot, gear_of, model_of
 from autopilot.signals import HeadingSample, Mode, Order, OrderKind, RateSample
-from autopilot.supervision import compass_watch, heading_jump
+from autopilot.supervision import heading_and_rate
 from sitl.boat import Boat, BoatState, Plant
 from sitl.scenario import IttcSection, Scenario, WavesSection, WindSection
 from sitl.sea import Sea
@@ -126,14 +126,14 @@ def watched(
 ) -> tuple[list[float], float]:
     """Return when the alarm came [s], a compass being off by a `jump` [rad] from `at` [s] on, and what is held; the
     boat turns by `quickest` [rad/s] at most."""
-    watch, said, was = compass_watch.Consistency(), list[float](), False
+    watch, said, was = heading_and_rate.Consistency(), list[float](), False
     for sample in samples:
         if isinstance(sample, HeadingSample) and sample.time >= at:
             sample = sample._replace(heading=wrap(sample.heading + jump))
-        watch = compass_watch.consistency_step(watch, sample, APART, quickest, JUMP)
+        watch = heading_and_rate.consistency_step(watch, sample, APART, quickest, JUMP)
         if watch.held.offset:
-            watch = watch._replace(held=heading_jump.followed(watch.held, sample.time, 1.0 / HZ, True)[0])
-        is_said = bool(heading_jump.held_events(watch.held, sample.time))
+            watch = watch._replace(held=heading_and_rate.followed(watch.held, sample.time, 1.0 / HZ, True)[0])
+        is_said = bool(heading_and_rate.held_events(watch.held, sample.time))
         said += [sample.time] if is_said and not was else []
         was = is_said
     return said, watch.held.offset

@@ -16,7 +16,7 @@ from autopilot.signals import AlarmEvent, HeadingSample, RateSample, RudderSampl
 from autopilot.supervision import (
     compass_watch,
     course_watch,
-    frozen_heading,
+    heading_and_rate,
     rudder_following,
     rudder_watch,
 )
@@ -67,8 +67,8 @@ def off_course(limits: AlarmLimits, side: float = 1.0) -> Stepped:
 
 def consistency(most: float) -> Stepped:
     """Return the monitor of rate and heading, which may be `most` [rad] apart."""
-    step = compass_watch.consistency_step
-    return Stepped(lambda before, sample: step(before, sample, most), compass_watch.Consistency())
+    step = heading_and_rate.consistency_step
+    return Stepped(lambda before, sample: step(before, sample, most), heading_and_rate.Consistency())
 
 
 class RudderHistory:
@@ -138,7 +138,7 @@ class Frozen(Stepped):
     """The monitor of a heading that stands still."""
 
     def __init__(self) -> None:
-        super().__init__(self._seen, (frozen_heading.Standing(), frozen_heading.Sea()))
+        super().__init__(self._seen, (compass_watch.Standing(), compass_watch.Sea()))
         self.headings = list[HeadingSample]()
 
     def on_sample(self, sample: HeadingSample) -> None:
@@ -147,7 +147,7 @@ class Frozen(Stepped):
 
     def _seen(self, before: Any, seen: MonitorInput) -> Any:
         headings, self.headings = tuple(self.headings), []
-        return frozen_heading.frozen_step(*before, seen, headings)
+        return compass_watch.frozen_step(*before, seen, headings)
 
     def is_frozen(self, seen: MonitorInput) -> bool:
         """Return whether it stands still."""

@@ -1,7 +1,7 @@
-"""The compass watch: a heading that stands still, jumps, or does not go together with the rate of turn or the model.
+"""The compass watch: a heading that stands still while the boat must be turning, jumps, or contradicts the model.
 
-Rate-heading consistency: how far apart what heading and rate of turn tell of the boat's turns is, and whether they go
-opposite ways. Pure.
+It stands by the rate beside it, by the rudder, or in a sea. What heading and rate say of one another is
+`heading_and_rate`'s. Pure.
 """
 
 from __future__ import annotations
@@ -9,319 +9,350 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import PI, wrap
-from autopilot.signals import AlarmEvent, HeadingSample, RateSample
-from autopilot.supervision.frozen_heading import Sea, Standing, frozen_step
-from autopilot.supervision.heading_jump import (
-    NO_TURNS,
-    NOT_HELD,
-    TURN_SHOWS,
-    Held,
-    Jumping,
-    Turns,
-    alone_step,
-    are_consistent,
-    are_opposite,
-    held_step,
-    jumping_step,
-    settled,
-    turn_shown,
-    turns_step,
-)
+from autopilot.angles import PI, shortest_turn, wrap
+from autopilot.estimation.tuning import WAVE_MEMORY
+from autopilot.models.norrbin import rate_step
+from autopilot.models.steering_gear import clip
+from autopilot.signals import AlarmEvent, HeadingSample
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.tuning import (
-    APART_TIME,
-    DISAGREES_LASTS,
-    DISAGREES_SAID,
+    FINE_DIGIT,
+    FINE_DIGITS,
     FINE_SAME,
+    FROZEN_BEFORE,
     FROZEN_BY_RATE,
-    FROZEN_RATES,
+    FROZEN_BY_RUDDER,
     FROZEN_REPEATED,
     FROZEN_SAMPLES,
     HEADINGS_APART_S,
-    HELD_SIGMAS,
     INNOVATION_TIME,
     JUMP_SAID,
-    NEWS,
-    RATE_LAG,
+    JUMP_SAMPLES,
+    JUMP_SETTLED,
+    JUMP_UNSHOWN,
+    JUMPS,
+    JUMPS_WITHIN,
+    NOUGHT_FORGOTTEN,
+    RATE_FORGOTTEN,
     RATE_OFF,
     RATE_RIGHT,
-    SENSE_LEAST,
+    SEA_DIGITS,
+    SEA_FELT,
+    SEA_PROVEN,
+    SEA_STOOD,
+    TREMBLES_DIGITS,
+    TREMBLES_KNOWN,
+    TREMBLES_LEAST,
     TREMBLES_SAME,
-    WILD_RATES,
+    TREMBLES_SIGMAS,
+    TREMBLES_TIME,
 )
 
-OPPOSITE_WAYS = "they turn opposite ways"
-STANDS_STILL = "the rate stands still"
+LONGEST_STEP_S = 0.5
+FLOAT_DIGIT = 2.0**-22
+"""[rad]: of a float of 32 bits near pi."""
 
 
-class Still(NamedTuple):
-    """A rate that is the same to the last digit: turn [rad]: how much further the heading went meanwhile, of late;
-    since [s]: when that became too much, nan: it is not, and the `rates` that have said the same since; is_dead: until
-    it moves. mean [rad]: of the turn, over FROZEN_REPEATED, and first: what it was at the end of the first such time.
-    rate [rad/s]: the newest of a `source`; alike: how many say the same, and begun [s]: the first of them. heard: how
-    many rates there were, of which `same` were the same as the one before, while it worked; digit [rad/s]: the least
-    step between two."""
+class Standing(NamedTuple):
+    """A heading that is the same to the last digit: the `samples` that say so, the first of them [s] and the last; the
+    turn that the rate beside it, less rate_bias [rad/s], what is known of its error, adds up to [rad], nan where none
+    came, and its span; rate_unknown [(rad/s)^2]: the variance of that bias, inf: it is not known; walk [rad^2]: that of
+    the rate's noise, added up; last_rate: that rate the time before, nan where none was, and whether it has moved since
+    the model's turn was reckoned; that turn, which the model makes of the rudder while the rate stands: when it was
+    reckoned last [s], the bias [rad], the rate [rad/s], and how far it has turned [rad]; is_frozen: until it moves
+    again; source: whose heading it is; off [rad]: how far it was from the boat's as that was estimated when it began to
+    stand, and unknown [rad^2]: the variance of that; steered: the rate [rad/s] and the turn [rad] that the rudder has
+    made since of a boat that lay on its course; quickest [rad/s]: of late, by the rate beside it and by the model, and
+    beyond [s]: since when either turn is more than its limit, nan: it is not."""
 
-    rates: int = 0
-    turn: float = 0.0
+    heading: float = math.nan
+    samples: int = 0
     since: float = math.nan
-    is_dead: bool = False
-    mean: float = 0.0
-    first: float = 0.0
-    rate: float = math.nan
+    time: float = math.nan
+    turn: float = math.nan
+    low: float = 0.0
+    high: float = 0.0
+    last_rate: float = math.nan
+    rate_moves: bool = False
+    reckoned: float = math.nan
+    bias: float = 0.0
+    rate: float = 0.0
+    turned: float = 0.0
+    is_frozen: bool = False
     source: str = ""
-    alike: int = 0
-    begun: float = math.nan
-    heard: int = 0
-    same: int = 0
+    off: float = 0.0
+    unknown: float = 0.0
+    steered: tuple[float, float] = (0.0, 0.0)
+    quickest: tuple[float, float] = (0.0, 0.0)
+    beyond: tuple[float, float] = (math.nan, math.nan)
+    rate_bias: float = 0.0
+    rate_unknown: float = math.inf
+    walk: float = 0.0
+
+
+class Sea(NamedTuple):
+    """What moves the heading: by this standard deviation [rad] when it began to stand, felt on a course that is held
+    since flat water [s]; digit [rad]: the least step of the compass. watched [s]: for how long it had been learnt.
+    kept [rad]: the deviation that was known when it was forgotten, until it is known anew. change [rad]: the newest
+    step; noise [rad^2]: the variance of the compass's own noise, see `trembling`; same: the share of headings that are
+    the same as the one before, of those that `known`, the share of TREMBLES_TIME's memory that is filled, has seen."""
+
     digit: float = math.inf
+    deviation: float = math.nan
+    flat: float = math.nan
+    watched: float = 0.0
+    kept: float = 0.0
+    change: float = 0.0
+    noise: float = 0.0
+    same: float = 1.0
+    known: float = 0.0
 
 
-def is_strange(still: Still) -> bool:
-    """Return whether a rate has never stood so long.
+def trembling(sea: Sea, change: float, step: float, stood: float) -> Sea:
+    """Return what moves the heading after a `change` [rad] in a `step` [s], behind headings that were the same for as
+    long as it `stood` [s].
 
-    A sensor of whose rates no more than a share FINE_SAME were the same as the one before says the same FROZEN_RATES
-    times with a probability of FINE_SAME^3 = 8e-6, one of TREMBLES_SAME FROZEN_SAMPLES times with 0.2^9 = 5e-7.
+    White noise n adds n' - n to one change and n'' - n' to the next, so that its variance is -E[change' change]. What
+    turns the boat takes longer than TREMBLES_LEAST, and adds to the same side of both: with that the mean is less.
     """
-    share = still.same + 1.0
-    is_fine = still.alike >= FROZEN_RATES and share <= FINE_SAME * still.heard
-    return is_fine or (still.alike >= FROZEN_SAMPLES and share <= TREMBLES_SAME * still.heard)
+    size = change if change > 0.0 else -change
+    digit = size if size < sea.digit else sea.digit
+    if not (0.0 < step <= TREMBLES_LEAST and size <= PI):
+        return sea._replace(digit=digit, change=0.0)
+    fades = math.exp(-step / TREMBLES_TIME)
+    noise = fades * sea.noise - (1.0 - fades) * change * (sea.change if stood == 0.0 else 0.0)
+    stays = math.exp(-stood / TREMBLES_TIME)
+    same, known = fades * (1.0 - (1.0 - sea.same) * stays), 1.0 - fades * stays * (1.0 - sea.known)
+    return sea._replace(digit=digit, change=change, noise=noise, same=same, known=known)
 
 
-def is_turned(still: Still, step: float, usual: float) -> bool:
-    """Return whether the heading, every `step` [s], shows a turn that a rate which stands does not: more than a rate
-    that is right may be off, what rates within a digit add up to over APART_TIME, and HELD_SIGMAS of noise.
+def felt(sea: Sea, seen: MonitorInput) -> Sea:
+    """Return what moves the heading after a tick in which it moves.
 
-    That is what usually lies between heading and rate, `usual` [rad]. The mean over FROZEN_REPEATED has the share
-    s/(2 - s) of white noise's variance, s = 1 - exp(-step/FROZEN_REPEATED), and what lies between two such means twice
-    that.
+    A sea that the estimate forgets, for it was learnt beside a rate that is found wrong, is no flat water: where it was
+    proven it counts on for WAVE_MEMORY, as long as the estimate would have remembered it.
     """
-    share = -math.expm1(-step / FROZEN_REPEATED)
-    least, noise = RATE_RIGHT * APART_TIME, HELD_SIGMAS * usual
-    unseen = still.digit * APART_TIME
-    of_means = noise * math.sqrt(2.0 * share / (2.0 - share)) + unseen
-    return abs(still.turn) > max(noise + unseen, least) or abs(still.mean - still.first) > max(of_means, least)
-
-
-def still_step(still: Still, time: float, turn: float, step: float, usual: float) -> Still:
-    """Return what is known at `time` [s] of a rate that stands, the heading having turned by `turn` [rad] more than it
-    says in a `step` [s]; usual [rad]: a root mean square of what lies between the two, inf: it is not known.
-
-    For FROZEN_REPEATED what is the same may be one that is sent again.
-    """
-    fades = math.exp(-step / APART_TIME)
-    turn += still.turn * fades
-    mean = still.mean * fades
-    mean -= math.expm1(-step / FROZEN_REPEATED) * (turn - mean)
-    is_first = time - still.begun < FROZEN_REPEATED
-    still = still._replace(turn=turn, mean=mean, first=mean if is_first else still.first * fades)
-    if not is_first and is_strange(still) and is_turned(still, step, usual):
-        return still._replace(is_dead=True)
-    if -FROZEN_BY_RATE <= turn <= FROZEN_BY_RATE:
-        return still._replace(rates=0, since=math.nan)
-    since = time if math.isnan(still.since) else still.since
-    is_dead = still.is_dead or (still.rates >= FROZEN_RATES and time - since >= DISAGREES_LASTS)
-    return still._replace(since=since, is_dead=is_dead)
-
-
-class Consistency(NamedTuple):
-    """heading and rate: the newest of each; turns: what they tell; since [s]: when the turns began to differ, nan: they
-    do not; seen [s]: when that was found last; reported [rad]: how far apart they were when it was said; found: what is
-    said, '' where they go together; is_refused: whether it is the rate that is wrong: they turn opposite ways, it
-    stands still, or no boat like this turns so; wild [s]: when rates came of late that are beyond what a boat like this
-    turns by; still: what is known of a rate that stands, and aside: of an instrument's of its own beside a heading that
-    has one; held: of headings that jumped, and the boat did not turn."""
-
-    heading: HeadingSample | None = None
-    rate: RateSample | None = None
-    turns: Turns = NO_TURNS
-    since: float = math.nan
-    seen: float = math.nan
-    reported: float = math.nan
-    found: str = ""
-    is_refused: bool = False
-    wild: tuple[float, ...] = ()
-    still: Still = Still()
-    held: Held = NOT_HELD
-    aside: Still = Still()
-
-
-def carried_on(
-    before: Consistency,
-    by_heading: tuple[float, float],
-    at: tuple[float, float | None],
-    is_believed: bool,
-    most: tuple[float, float],
-) -> tuple[Held, Turns]:
-    """Return what is held, and the turns, after a heading that is further `by_heading` [rad, in s]; at: time [s] and
-    rate [rad/s], None without one, and whether that is believed; most: see `held_step`."""
-    (turn, step), (time, rate), (jump, quickest) = by_heading, at, most
-    held, turns = before.held, before.turns
-    stood = held.stood + step if turn == 0.0 else 0.0
-    shown = turn / (held.stood + step) if turn != 0.0 and step > 0.0 else held.rate
-    if rate is not None and is_believed and jump < math.inf:
-        held, turns = held_step(held, turns, (turn, rate * step, step), (time, rate), most)
-    else:
-        if jump < math.inf:
-            if rate is not None and not held.is_sudden:
-                # it was the rate that did not show a turn
-                held = settled(held)
-            held = alone_step(held, by_heading, time, jump, quickest)
-            turn -= held.offset - before.held.offset
-        turns = turns if rate is None else turns_step(turns, turn, rate * step, step)
-    return held._replace(stood=stood, rate=shown), turns
-
-
-def concluded(before: Consistency) -> Consistency:
-    """Return what is known of the rate without what was compared so far: one that was found wrong stays so until it
-    goes together with headings again."""
-    return before._replace(heading=None, rate=None, turns=NO_TURNS, since=math.nan, held=NOT_HELD)
-
-
-def handed_over(before: Consistency) -> tuple[Consistency, float]:
-    """Return what is known where another compass steers, and how far [rad] the one before it was held to be off: what
-    lies between the two lies between the other and the heading it showed, not the one that was steered by."""
-    held = settled(before.held)
-    return concluded(before)._replace(held=held._replace(offset=0.0)), held.offset
-
-
-def consistency_step(
-    before: Consistency,
-    sample: HeadingSample | RateSample,
-    most: float,
-    rate_most: float = math.inf,
-    jump: float = math.inf,
-) -> Consistency:
-    """Take a heading or a rate; `most` [rad] may lie between the turns that they tell of, inf: not watched; a boat that
-    turns by more than `rate_most` [rad/s] shows it; jump [rad]: see `held_step`, inf: nothing is held."""
-    rate, time = sample.rate, sample.time
-    last, beside, wild = before.heading, before.rate, before.wild
-    # a rate that is held for the headings beside it is one, however many they are
-    if rate is not None and not -rate_most <= rate <= rate_most:
-        wild = (*wild, time)[-WILD_RATES:]
-    # a sum is finite only where every part of it is
-    if isinstance(sample, RateSample):
-        return _with_rate(before, sample, wild) if math.isfinite(time + sample.rate) else before
-    if not -math.inf < time + sample.heading + (0.0 if rate is None else rate) < math.inf:
-        return before
-    still = before.still if rate is None else _repeated(before.still, sample)
-    is_same = last is not None and last.source == sample.source
-    if is_same and time < last.time:  # type: ignore[union-attr]
-        return before
-    if rate is None and beside is not None and 0.0 <= time - beside.time <= HEADINGS_APART_S:
-        rate = beside.rate
-    # a burst that was read at once has one time: its turn happened since the heading before
-    if last is None or not is_same or not 0.0 <= time - last.time <= HEADINGS_APART_S:
-        held = settled(before.held)._replace(stood=0.0)
-        # what comes behind a gap, or by another name, is none that jumped
-        held = held._replace(offset=0.0) if last is not None and (rate is not None or not is_same) else held
-        return before._replace(heading=sample, still=still, held=held)
-    step, turn = time - last.time, sample.heading - last.heading
-    turn = turn if -PI < turn <= PI else wrap(turn)
-    is_believed = not before.found and still.rates < FROZEN_RATES
-    held, turns = carried_on(before, (turn, step), (time, rate), is_believed, (jump, rate_most))
-    if rate is None:
-        return before._replace(heading=sample, still=still, held=held)
-    before = before._replace(held=held)
-    if most == math.inf:
-        return before._replace(heading=sample, turns=turns, wild=wild)
-    # where the compass stands as well nobody can tell which of the two is dead, nor by what no boat like this turns
-    by, most_turn = turn - rate * step, rate_most * step if step > 0.0 else math.inf
-    if turn:
-        usual = math.sqrt(held.usual) if held.known >= APART_TIME else math.inf
-        by = -most_turn if by < -most_turn else most_turn if by > most_turn else by
-        still = still_step(still, time, by, step, usual)
-    before = before._replace(still=still)
-    if before.still.is_dead:
-        found = before.found if before.is_refused else STANDS_STILL
-        after = before._replace(
-            heading=sample, turns=turns, since=math.nan, seen=time, found=found, is_refused=True, wild=wild
-        )
-    else:
-        after = _judged(before, (sample, turns, wild), rate, most, not -rate_most <= rate <= rate_most)
-    if after.found and not before.found and held.offset and time - held.jumped < TURN_SHOWS:
-        # it was the rate that did not show a turn
-        return after._replace(held=NOT_HELD)
-    return after
-
-
-def _with_rate(before: Consistency, sample: RateSample, wild: tuple[float, ...]) -> Consistency:
-    """Take a rate of an instrument of its own; that of the heading's own goes before. wild: the times with its."""
-    last, beside = before.heading, before.rate
-    if last is not None and last.rate is not None:
-        return before._replace(rate=sample, aside=_repeated(before.aside, sample))
-    still = _repeated(before.still if before.still.source == sample.source else before.aside, sample)
-    held, turns = before.held, before.turns
-    if beside is not None:
-        held, turns = turn_shown(held, turns, (sample.rate - beside.rate) * max(sample.time - beside.time, 0.0))
-    return before._replace(rate=sample, turns=turns, wild=wild, still=still, held=held)
-
-
-def _repeated(still: Still, sample: HeadingSample | RateSample) -> Still:
-    """Take the next rate."""
-    rate: float = sample.rate  # type: ignore[assignment]
-    if sample.source != still.source or still.rate != still.rate:  # what is no number is not itself
-        return Still(rate=rate, source=sample.source, alike=1, begun=sample.time)
-    if rate == still.rate:
-        return still._replace(rates=still.rates + 1, alike=still.alike + 1)
-    # what a dead one repeated was none of its ways
-    more = 0 if still.is_dead else still.alike - 1
-    change, heard, same = abs(rate - still.rate), still.heard + 1 + more, still.same + more
-    digit = change if change < still.digit else still.digit
-    fresh = Still(rate=rate, source=sample.source, alike=1, begun=sample.time)
-    return fresh._replace(heard=heard, same=same, digit=digit)
-
-
-def is_no_turn(turns: Turns, rate: float, most: float) -> bool:
-    """Return whether no heading shows a `rate` [rad/s] that is too quick for the rudder.
-
-    What waves or thrusters turn quicker than the rudder does the heading shows, RATE_LAG later at most.
-    """
-    unseen = -turns.apart if rate > 0.0 else turns.apart
-    return unseen > RATE_LAG * abs(rate) + most
-
-
-def _judged(
-    before: Consistency,
-    news: tuple[HeadingSample, Turns, tuple[float, ...]],
-    rate: float,
-    most: float,
-    is_wild: bool,
-) -> Consistency:
-    (sample, turns, wild), (_, beside, _, since, seen, reported, found, was_refused, _, still, held, aside) = (
-        news,
-        before,
+    now, watched, deviation = seen.now, seen.sea_watched, seen.state.wave_deviation
+    kept = sea.deviation if watched < sea.watched and now - sea.flat >= SEA_PROVEN else sea.kept
+    kept = kept if seen.holds_course and watched < WAVE_MEMORY else 0.0
+    deviation = deviation if deviation > kept else kept
+    is_flat = deviation < SEA_FELT or math.isnan(sea.flat) or not seen.holds_course
+    return Sea(
+        sea.digit, deviation, now if is_flat else sea.flat, watched, kept, sea.change, sea.noise, sea.same, sea.known
     )
-    time, apart, are_turned = sample.time, abs(turns.apart), are_opposite(turns)
-    if wild and time - wild[0] > APART_TIME:
-        wild = wild[1:]
-    # turns that both tell of alike put an end to it; that they went opposite ways nothing else does: a boat that lies
-    # still shows nothing
-    was_turned = found == OPPOSITE_WAYS
-    lasts = was_refused and not are_consistent(turns)
-    is_kept = lasts and (was_turned or 0.0 <= time - seen < DISAGREES_SAID)
-    is_none = is_wild and len(wild) >= WILD_RATES and is_no_turn(turns, rate, most)
-    is_refused = is_kept or are_turned or is_none
-    if is_refused:
-        if are_turned:
-            found = OPPOSITE_WAYS
-        elif not is_kept:
-            found = f"{math.degrees(abs(rate)):.0f} deg/s is no turn of this boat"
-        # in other units a boat on its course turns by less than is impossible, and yet by more than its heading shows
-        if are_turned or was_turned or is_wild or (turns.heading - turns.rate) ** 2 > SENSE_LEAST:
-            seen = time
-    elif apart <= most:
-        since = math.nan
-        if not 0.0 <= time - seen < DISAGREES_SAID:
-            found = ""
-    elif math.isnan(since):
-        since = time
-    elif time - since >= DISAGREES_LASTS:
-        seen = time
-        if not found or (apart - reported > NEWS and found != OPPOSITE_WAYS):
-            found, reported = f"{math.degrees(apart):.0f} deg apart", apart
-    return Consistency(sample, beside, turns, since, seen, reported, found, is_refused, wild, still, held, aside)
+
+
+def repeated(sea: Sea) -> float:
+    """Return the share of headings that are the same as the one before, 1 while it is not known."""
+    # the memory began with headings that are all the same, and no noise
+    return 1.0 - (1.0 - sea.same) / sea.known if sea.known >= TREMBLES_KNOWN else 1.0
+
+
+def is_stale(standing: Standing, sea: Sea) -> bool:
+    """Return whether heading and rate are sent on as they were: both the same to the last digit, and the rate not
+    nought, which may be made of that very heading, so often that a compass which repeats no more than TREMBLES_SAME of
+    its headings does it with a probability of 0.2^9. For SEA_STOOD this ends no steering: another compass may be left
+    to go on with."""
+    stands = standing.samples >= FROZEN_SAMPLES and standing.walk == 0.0 and abs(standing.last_rate) > 0.0
+    return stands and repeated(sea) <= TREMBLES_SAME
+
+
+def never_stands(standing: Standing, sea: Sea, seen: MonitorInput) -> bool:
+    """Return whether a compass shows something new each time in a boat that has way, whatever the water is: its own
+    noise moved it by its digits, or these are so small that no boat keeps within one, and from one heading to the next
+    it moved by many.
+
+    Noise ends with an engine, and a boat may lie within a digit: then the compass shows the heading that it had, as far
+    as that is known, and neither the rudder nor the rate of turn beside it says that the boat has turned since: by more
+    than a digit, what the rate's bias may add up to while it is remembered, and its noise, at either end of its span.
+    """
+    digit = sea.digit if sea.digit > FLOAT_DIGIT else FLOAT_DIGIT
+    same = repeated(sea)
+    if not seen.has_way or same > TREMBLES_SAME:
+        return False
+    if digit <= FINE_DIGIT and same <= FINE_SAME and abs(sea.change) >= FINE_DIGITS * digit:
+        return True
+    lasts = min(standing.time - standing.since, RATE_FORGOTTEN)
+    doubt = standing.rate_unknown * lasts * lasts + standing.walk
+    is_turned = standing.high - standing.low > digit + 2.0 * TREMBLES_SIGMAS * math.sqrt(doubt)
+    off, unknown = abs(standing.off - standing.steered[1]), max(standing.unknown, 0.0)
+    is_off = is_turned or off > digit + TREMBLES_SIGMAS * math.sqrt(unknown)
+    return is_off and sea.noise >= sea.known * TREMBLES_DIGITS * TREMBLES_DIGITS * digit * digit
+
+
+def was_moved(standing: Standing, sea: Sea) -> bool:
+    """Return whether it was a sea that moved the heading until it stood."""
+    is_felt = sea.deviation >= max(SEA_FELT, SEA_DIGITS * sea.digit)
+    return is_felt and standing.since - sea.flat >= SEA_PROVEN
+
+
+def stood_by(before: Standing, sample: HeadingSample, bias: float) -> Standing:
+    """Take a heading that is the same as the one before it; bias [rad/s]: what is known of the rate's error now. What
+    was known when the heading began to stand goes before it: a compass that is frozen teaches a wrong one."""
+    time, turn_rate = before.time, sample.rate
+    if turn_rate is None or not math.isfinite(time):
+        return before._replace(samples=before.samples + 1, time=sample.time)
+    step = clip(sample.time - time, 0.0, LONGEST_STEP_S)
+    moves = before.rate_moves or not (math.isnan(before.last_rate) or turn_rate == before.last_rate)
+    # what is long past may be what is not known of the bias, added up
+    kept, bias = math.exp(-step / RATE_FORGOTTEN), before.rate_bias if before.rate_unknown < math.inf else bias
+    turn = kept * (0.0 if math.isnan(before.turn) else before.turn) + (turn_rate - bias) * step
+    # what lies between two rates is noise, or turns that make this too large
+    differs = 0.0 if math.isnan(before.last_rate) else (turn_rate - before.last_rate) * step
+    return before._replace(
+        samples=before.samples + 1,
+        time=sample.time,
+        turn=turn,
+        low=min(before.low, turn),
+        high=max(before.high, turn),
+        quickest=(quicker(before.quickest[0], turn_rate, step), before.quickest[1]),
+        last_rate=turn_rate,
+        rate_moves=moves,
+        walk=kept * kept * before.walk + 0.5 * differs * differs,
+    )
+
+
+def beyond(since: float, turn: float, most: float, now: float) -> float:
+    """Return since when [s] a `turn` [rad] is more than `most` [rad], nan where it is not."""
+    return math.nan if not turn > most else now if math.isnan(since) else since
+
+
+def is_unseen(turn: float, quickest: float, most: float, lasts: float) -> bool:
+    """Return whether a `turn` [rad] is more than `most` [rad], and more than a heading that is repeated hides: of a
+    boat that turns by `quickest` [rad/s]; or it `lasts` [s], nan where it is not, for longer than one is repeated,
+    however quickly waves or an outlier of a rate sensor turn the boat."""
+    return lasts >= FROZEN_REPEATED or (turn > most and turn > FROZEN_REPEATED * quickest + FROZEN_BEFORE * most)
+
+
+def quicker(before: float, rate: float, step: float) -> float:
+    """Return the quickest rate of late [rad/s] after one of `rate` [rad/s], a `step` [s] after it was `before`."""
+    return max(abs(rate), before * math.exp(-0.5 * step / FROZEN_REPEATED))
+
+
+def frozen_step(
+    standing: Standing, sea: Sea, seen: MonitorInput, headings: tuple[HeadingSample, ...]
+) -> tuple[Standing, Sea]:
+    """Take a tick's headings, and judge whether the heading stands still while the boat must be turning.
+
+    A compass that shows something new each time stands for no other reason, in flat water neither. Else it is judged by
+    the yaw rate that came with it where there is one that does not stand still too, or by the sea that moved it until
+    then, and by the turn that the model makes of the rudder, the bias being what it was when the heading began to
+    stand: the estimator has learnt the wrong one since. A rate of nought may be made of that very heading, or true for
+    long in flat water: then what a wrong bias adds up to is forgotten.
+    """
+    now, state = seen.now, seen.state
+    for sample in headings:
+        heading, time = sample.heading, sample.time
+        if sample.source != standing.source:
+            # digits and noise are a compass's own, the sea is not
+            sea = Sea(math.inf, sea.deviation, sea.flat, sea.watched, sea.kept)
+        elif heading == standing.heading:
+            standing = stood_by(standing, sample, seen.rate_bias)
+            continue
+        else:
+            change = heading - standing.heading
+            change = change if -PI < change <= PI else wrap(change)
+            sea = trembling(sea, change, time - standing.time, standing.time - standing.since)
+        off = heading - state.heading + state.rate * (now - time)
+        standing = Standing(
+            heading,
+            1,
+            time,
+            time,
+            reckoned=now,
+            bias=state.bias,
+            rate=state.rate,
+            source=sample.source,
+            off=off if -PI < off <= PI else wrap(off),
+            unknown=seen.unknown,
+            rate_bias=seen.rate_bias,
+            rate_unknown=seen.rate_unknown,
+        )
+    if standing.is_frozen:
+        return standing, sea
+    if standing.samples < 2:
+        sea = felt(sea, seen)
+    elif (
+        standing.samples >= FROZEN_SAMPLES
+        and standing.time - standing.since >= SEA_STOOD
+        and (never_stands(standing, sea, seen) or was_moved(standing, sea))
+    ):
+        return standing._replace(is_frozen=True), sea
+    if standing.reckoned == now:
+        return standing, sea
+    last, span, by_rate, by_rudder = standing.time, standing.high - standing.low, *standing.beyond
+    by_rate = beyond(by_rate, span, FROZEN_BY_RATE, last)
+    standing = standing._replace(beyond=(by_rate, by_rudder))
+    is_spanned = standing.samples >= FROZEN_SAMPLES
+    is_spanned = is_spanned and is_unseen(span, standing.quickest[0], FROZEN_BY_RATE, last - by_rate)
+    if standing.samples < 2 or is_spanned or not seen.steers:
+        # what somebody else does with the rudder proves nothing
+        since = standing._replace(reckoned=now, bias=state.bias, rate=state.rate, turned=0.0, steered=(0.0, 0.0))
+        return since._replace(is_frozen=is_spanned), sea
+    step = clip(now - standing.reckoned, 0.0, LONGEST_STEP_S)
+    model, push, (own, steered) = seen.model, state.rudder + standing.bias, standing.steered
+    rate, own = rate_step(model, standing.rate, push, step), rate_step(model, own, push, step)
+    kept = math.exp(-step / NOUGHT_FORGOTTEN) if standing.last_rate == 0.0 else 1.0
+    turned = 0.0 if standing.rate_moves else standing.turned * kept + rate * step
+    quickest = quicker(standing.quickest[1], rate, step)
+    is_frozen = standing.samples >= FROZEN_SAMPLES and seen.has_way
+    by_rudder = beyond(by_rudder, abs(turned), FROZEN_BY_RUDDER, last)
+    is_frozen = is_frozen and is_unseen(abs(turned), quickest, FROZEN_BY_RUDDER, last - by_rudder)
+    standing = standing._replace(steered=(own, 0.0 if standing.rate_moves else steered + own * step))
+    standing = standing._replace(rate_moves=False, reckoned=now, rate=rate, turned=turned, is_frozen=is_frozen)
+    return standing._replace(quickest=(standing.quickest[0], quickest), beyond=(by_rate, by_rudder)), sea
+
+
+class Jumping(NamedTuple):
+    """last: the newest heading that is believed; away: those since that are further on than the boat can have turned;
+    jumps [s]: when it jumped of late; found [s]: when that was an alarm, and by [rad] how much; text: what is said."""
+
+    last: HeadingSample | None = None
+    away: tuple[HeadingSample, ...] = ()
+    jumps: tuple[float, ...] = ()
+    found: float = math.nan
+    by: float = math.nan
+    text: str = ""
+
+
+def is_turned(last: HeadingSample, turned: tuple[float, float], rate: float | None, off: float, most: float) -> bool:
+    """Return whether the rates [rad/s] beside two headings show the turn between them, (by heading [rad], in a time
+    [s]), to within `most` [rad], and more of what it is `off` by [rad] than a rate that is made of the headings does.
+    """
+    if last.rate is None or rate is None:
+        return False
+    by_heading, step = turned
+    unshown = abs(wrap(by_heading - 0.5 * (last.rate + rate) * step))
+    return unshown <= most and unshown < JUMP_UNSHOWN * abs(off)
+
+
+def jumping_step(before: Jumping, sample: HeadingSample, rate: float, most: float) -> Jumping:
+    """Take a heading; it may be off by `most` [rad] from the one before, the boat turning at `rate` [rad/s] as it is
+    estimated, or as was measured beside both: where headings are seldom, the first knows nothing of what a sea does."""
+    time, heading, measured, source = sample
+    if not -math.inf < heading + time < math.inf:
+        return before
+    last, away, jumps, found, by, text = before
+    newest = away[-1] if away else last
+    if (
+        last is None
+        or newest is None
+        or last.source != source
+        or time < last.time
+        or time - newest.time > HEADINGS_APART_S
+    ):
+        return Jumping(sample, (), jumps, found, by, text)
+    off = heading - (last.heading + rate * (time - last.time))
+    off = off if -PI < off <= PI else wrap(off)
+    turned = heading - last.heading, time - last.time
+    if -most <= off <= most or is_turned(last, turned, measured, off, most):
+        return Jumping(sample, (), jumps, found, by, text)
+    if not away or abs(shortest_turn(away[-1].heading, heading)) > most:
+        away, jumps = (), (*(then for then in jumps if time - then < JUMPS_WITHIN), time)
+    away = (*away, sample)
+    if len(away) >= JUMP_SAMPLES and time - away[0].time >= JUMP_SETTLED:
+        return Jumping(sample, (), jumps, time, off, text)
+    return Jumping(last, away, jumps, time if len(jumps) >= JUMPS else found, off, text)
 
 
 class State(NamedTuple):

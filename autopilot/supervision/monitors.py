@@ -48,10 +48,9 @@ from autopilot.signals import (
     Sample,
     WindSample,
 )
-from autopilot.supervision import compass_watch, course_watch, rudder_watch
+from autopilot.supervision import compass_watch, course_watch, heading_and_rate, rudder_watch
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.supervision.failsafe import WIND_FRESH
-from autopilot.supervision.heading_jump import held_events
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.rudder_following import History
 from autopilot.supervision.tuning import NEWS, ROLL_SECONDS
@@ -258,7 +257,7 @@ class State(NamedTuple):
     what others see, with who says so; wind_time [s]: of the newest wind."""
 
     measured: Measured = Measured()
-    consistency: compass_watch.Consistency = compass_watch.Consistency()
+    consistency: heading_and_rate.Consistency = heading_and_rate.Consistency()
     compass: compass_watch.State = compass_watch.State()
     rudder: rudder_watch.State = rudder_watch.State()
     course: course_watch.State = course_watch.State()
@@ -276,7 +275,7 @@ def without_past(state: State) -> State:
     rudder, course = state.rudder, state.course
     return state._replace(
         measured=Measured(),
-        consistency=compass_watch.concluded(state.consistency),
+        consistency=heading_and_rate.concluded(state.consistency),
         compass=compass_watch.State(),
         rudder=rudder_watch.State(other=rudder.other, rests_roll=rudder.rests_roll, doubts_speed=rudder.doubts_speed),
         course=course_watch.State(softer=course.softer, hunts=course.hunts),
@@ -300,7 +299,7 @@ def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...], 
     for sample in samples:
         if type(sample) is HeadingSample:
             headings += (sample,)
-            consistency = compass_watch.consistency_step(
+            consistency = heading_and_rate.consistency_step(
                 consistency, sample, limits.rate_disagrees, rate_most, limits.heading_jump
             )
         elif type(sample) is RollSample:
@@ -312,7 +311,7 @@ def on_samples(limits: AlarmLimits, before: State, samples: tuple[Sample, ...], 
             else:
                 angles += (sample,)
         elif type(sample) is RateSample:
-            consistency = compass_watch.consistency_step(consistency, sample, limits.rate_disagrees, rate_most)
+            consistency = heading_and_rate.consistency_step(consistency, sample, limits.rate_disagrees, rate_most)
         elif type(sample) is WindSample:
             wind_time = sample.time
         elif type(sample) is ConditionSample:
@@ -341,7 +340,7 @@ def judged(
     if conditions:
         found = (*(event for _, event in conditions), *found)
     if consistency.held.is_said:
-        found += held_events(consistency.held, seen.now)
+        found += heading_and_rate.held_events(consistency.held, seen.now)
     if seen.waits:
         found += (AlarmEvent("low_speed"),)
     if roll.text:

@@ -61,7 +61,7 @@ from autopilot.steering import (
     turning_at,
 )
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
-from autopilot.supervision.heading_jump import NO_TURNS, Turns, are_opposite, off_most, turning_most, turns_step
+from autopilot.supervision.heading_and_rate import NO_TURNS, Turns, are_opposite, off_most, turning_most, turns_step
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.response_filter import NO_SEAWAY, counts_as_course
 from autopilot.supervision.rudder_response import FILED, enough, other_verdict, verdict

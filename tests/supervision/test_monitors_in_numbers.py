@@ -13,9 +13,9 @@ from watches import Frozen, Jumping, Monitors, consistency, off_course, overpowe
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import HeadingSample, NavState, RateSample, RollSample
-from autopilot.supervision.compass_watch import Consistency, consistency_step
+from autopilot.supervision.compass_watch import is_stale
 from autopilot.supervision.course_watch import ON_HEADING, course_step
-from autopilot.supervision.frozen_heading import is_stale
+from autopilot.supervision.heading_and_rate import Consistency, consistency_step
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.response_filter import (
     NOTHING,

@@ -12,14 +12,16 @@ from hypothesis import strategies as st
 
 from autopilot.angles import wrap
 from autopilot.signals import HeadingSample, RateSample
-from autopilot.supervision.compass_watch import Consistency, consistency_step, handed_over
-from autopilot.supervision.heading_jump import (
+from autopilot.supervision.heading_and_rate import (
     NO_TURNS,
     NOT_HELD,
+    Consistency,
     Turns,
     are_consistent,
     are_opposite,
+    consistency_step,
     followed,
+    handed_over,
     held_events,
     turns_step,
 )
