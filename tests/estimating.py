@@ -14,6 +14,7 @@ from autopilot.estimation.estimator import (
     first_state,
     nav_state,
 )
+from autopilot.estimation.fusion import stretch
 from autopilot.estimation.rudder_observer import (
     RudderObserver,
     RudderPast,
@@ -23,7 +24,6 @@ from autopilot.estimation.rudder_observer import (
     newest_angle,
     ordered,
     rudder_memory,
-    stretch,
     tick_at,
     with_feedback,
 )

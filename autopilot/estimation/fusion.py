@@ -33,7 +33,7 @@ from typing import NamedTuple
 from autopilot.angles import PI, wrap
 from autopilot.estimation.disturbance import FilterNoise, Noises, Sea, frequency, raised_intensity, reset_density
 from autopilot.estimation.heading_ekf import FilterState, fused, innovations, predict, predict_mean
-from autopilot.estimation.rudder_observer import RudderPast, angle_at, stretch
+from autopilot.estimation.rudder_observer import RudderPast, angle_at
 from autopilot.estimation.tuning import (
     BIAS_MOST,
     GATE_LASTS,
@@ -236,6 +236,33 @@ class Moment(NamedTuple):
     now: float
     speed: float
     heading_time: float
+
+
+def stretch(past: RudderPast, begun: float, end: float, grain: float) -> tuple[float, float]:
+    """Return until when [s], `end` at most, the rudder stood as at `begun` [s], and its angle [rad].
+
+    Neighbours that together last no longer than `grain` [s] are one, with their mean angle.
+    """
+    times, angles, ticks = past
+    tick = newest = ticks - 1
+    ring = len(times) - 1
+    if newest < 0 or begun >= times[newest & ring]:
+        return end, angles[newest & ring]
+    oldest = newest - ring if newest > ring else 0
+    while tick > oldest and times[tick & ring] > begun:
+        tick -= 1
+    at, turned = begun, 0.0
+    while at < end:
+        until = times[(tick + 1) & ring] if tick < newest else end
+        until = end if end < until else until
+        if until > at:
+            if until - begun > grain and at > begun:
+                break
+            turned += (until - at) * angles[tick & ring]
+            at = until
+        if at < end:
+            tick += 1
+    return at, turned / (at - begun)
 
 
 def carried(model: Norrbin, noises: Noises, fusion: Fusion, past: RudderPast, to: float) -> FilterState:

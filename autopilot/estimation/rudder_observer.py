@@ -78,33 +78,6 @@ with zeros: before the first tick the rudder is amidships.
 """
 
 
-def stretch(past: RudderPast, begun: float, end: float, grain: float) -> tuple[float, float]:
-    """Return until when [s], `end` at most, the rudder stood as at `begun` [s], and its angle [rad].
-
-    Neighbours that together last no longer than `grain` [s] are one, with their mean angle.
-    """
-    times, angles, ticks = past
-    tick = newest = ticks - 1
-    ring = len(times) - 1
-    if newest < 0 or begun >= times[newest & ring]:
-        return end, angles[newest & ring]
-    oldest = newest - ring if newest > ring else 0
-    while tick > oldest and times[tick & ring] > begun:
-        tick -= 1
-    at, turned = begun, 0.0
-    while at < end:
-        until = times[(tick + 1) & ring] if tick < newest else end
-        until = end if end < until else until
-        if until > at:
-            if until - begun > grain and at > begun:
-                break
-            turned += (until - at) * angles[tick & ring]
-            at = until
-        if at < end:
-            tick += 1
-    return at, turned / (at - begun)
-
-
 def tick_at(past: RudderPast, time: float) -> int:
     """Return the newest tick at or before `time` [s], or the oldest that is known."""
     times, _, ticks = past
