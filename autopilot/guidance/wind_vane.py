@@ -15,8 +15,9 @@ is silent, leads nobody: the heading from before stays till the wind hold is ord
 two in a row that agree are.
 
 A tack turns through the wind to the mirrored angle, a gybe through the stern; both are asked first, and nothing turns
-unless that is confirmed within `CONFIRM_S`. The wind that was before the turn is gone by until the boat has settled. A
-boat that comes no nearer to the other side lies in irons, or cannot bear away: that is said.
+unless that is confirmed within `CONFIRM_S`. No other order of an angle takes the boat to the other side of the wind.
+The wind that was before the turn is gone by until the boat has settled. A boat that comes no nearer to the other side
+lies in irons, or cannot bear away: that is said.
 """
 
 from __future__ import annotations
@@ -49,11 +50,13 @@ CONFIRM_S = 10.0
 """A tack or gybe that is not confirmed within this is cancelled."""
 MIRROR_LEAST = math.radians(10.0)
 """Nearer to head to wind, or to running before it, there is no other side to turn to."""
+ASTERN = math.radians(0.5)
+"""So near to running dead before the wind either side may be ordered: the skipper alone knows where the boom is."""
 LEAD = math.radians(90.0)
 """The order of a turn is never further ahead of the boat than this: the short way round stays the way of the turn."""
 ARRIVED = math.radians(10.0)
 TURN_PATIENCE_S = 60.0
-"""A turn that has not arrived by then is over: the wind leads from where the boat is."""
+"""A turn that has not arrived by then goes on to where the present wind has the boat, and another may be ordered."""
 STALLED_S, STALL_LEAST = 12.0, math.radians(5.0)
 """A turn that has brought the boat no nearer by this for so long does not go on."""
 SETTLE = 2.0
@@ -119,7 +122,7 @@ class Vane:
         self.smoothing = WindSettings().time
         self.newest: WindSample | None = None
         self.changed = -math.inf
-        self._time = -math.inf
+        self._time = self._calm = -math.inf
         self._bearing = self._slow = _Mean()
         self._speed = self._since = 0.0
         self._way = math.nan
@@ -139,7 +142,10 @@ class Vane:
 
     def on_wind(self, sample: WindSample, heading: float) -> None:
         """Take a wind, heard with the boat on `heading` [rad]; calms and what is not finite are none."""
-        if not (math.isfinite(sample.time + sample.angle + sample.speed + heading) and sample.speed >= WIND_LEAST):
+        if not math.isfinite(sample.time + sample.angle + sample.speed + heading):
+            return
+        if not sample.speed >= WIND_LEAST:
+            self._calm = sample.time
             return
         last = self.newest
         if last is not None and sample.source != last.source and abs(sample.time - last.time) <= FRESH_S:
@@ -153,6 +159,7 @@ class Vane:
         speed, bearing = math.hypot(ahead, starboard), heading + math.atan2(starboard, ahead)
         self.newest = sample
         if speed < WIND_LEAST:
+            self._calm = sample.time
             return
         if is_first or math.isnan(way) is not math.isnan(self._way):
             self._bearing = self._slow = _Mean(math.cos(bearing), math.sin(bearing))
@@ -184,7 +191,8 @@ class Vane:
     def trouble(self, now: float) -> str:
         """Return why the wind cannot be gone by at `now` [s], "" where it can."""
         if not abs(now - self._time) <= FRESH_S:
-            return "no wind is heard"
+            is_calm = abs(now - self._calm) <= FRESH_S
+            return f"the wind is below {WIND_LEAST:g} m/s" if is_calm else "no wind is heard"
         return "the wind vane stands still" if self._is_frozen else ""
 
     def _share(self, now: float, passed: float, times: float) -> float:
@@ -266,6 +274,14 @@ class _Turn(NamedTuple):
     least: float = math.inf
     least_at: float = math.inf
 
+    def is_late(self, now: float) -> bool:
+        """Return whether it should have arrived by now."""
+        return math.isinf(self.until) and now - self.began > TURN_PATIENCE_S
+
+    def towards(self, goal: float) -> _Turn:
+        """Return the turn to another `goal` [rad], that the wind has shifted to."""
+        return self._replace(goal=goal, remaining=self.remaining + self.side * shortest_turn(self.goal, goal))
+
     def is_stalled(self, now: float) -> bool:
         """Return whether it does not go on."""
         return math.isinf(self.until) and now - self.least_at > STALLED_S
@@ -317,12 +333,17 @@ class WindGuide:
         self._held_at_change = (-math.inf, math.nan)
         self._now = math.nan
 
-    def follow(self, now: float, is_true: bool = False, angle: float | None = None) -> None:
-        """Begin to hold an angle [rad] of the wind, None: the present one. Raises InputError where there is none."""
+    def follow(self, now: float, is_true: bool = False, angle: float | None = None, heading: float = math.nan) -> None:
+        """Begin to hold an angle [rad] of the wind, None: the present one. Raises InputError where there is none, and
+        where the boat would tack or gybe to get there from its `heading` [rad], not a number where none is known."""
         if trouble := self.vane.trouble(now):
             raise InputError(f"{trouble}, none that could be held: check the wind vane and its link (MWV, 130306)")
         if is_true and math.isnan(self.vane.wind.way):
             raise InputError("no speed is heard, which the true wind is worked out with: check the log (VHW, VTG)")
+        if angle is not None and math.isfinite(heading):
+            wind = self.vane.wind
+            wanted = hold_of(heading, wind, is_true)._replace(angle=angle)
+            self._refuse_other_side(wrap(wind.bearing - heading), wanted)
         self.leave()
         self.following, self._is_true, self._wanted_angle = True, is_true, angle
 
@@ -335,10 +356,26 @@ class WindGuide:
         """Turn by so much [rad] to starboard: the angle held gets smaller where the wind is from starboard."""
         if self.hold is None or self.lost:
             raise InputError("no wind is being held: order it first")
-        if self._turn is not None and math.isinf(self._turn.until):
+        if self._turn is not None and math.isinf(self._turn.until) and not self._turn.is_late(self._now):
             raise InputError("the boat is still turning to the other side of the wind")
-        self.hold = self.hold._replace(angle=wrap(self.hold.angle - turn))
+        wanted = self.hold._replace(angle=wrap(self.hold.angle - turn))
+        self._refuse_other_side(true_angle(self.hold, self.vane.wind), wanted)
+        self.hold = wanted
         self.asked, self._turn, self._held = None, None, math.nan
+
+    def _refuse_other_side(self, before: float, wanted: Hold) -> None:
+        """Raise InputError where the boat would tack or gybe from the true angle `before` [rad] to get to `wanted`."""
+        after = true_angle(wanted, self.vane.wind)
+        turns = abs(before) + abs(after)
+        is_gybe = turns > math.pi
+        is_free = abs(before) >= math.pi - ASTERN if is_gybe else abs(before) < MIRROR_LEAST
+        if before * after >= 0.0 or is_free or abs(after) >= math.pi - ASTERN:
+            return
+        word, side = "gybe" if is_gybe else "tack", "starboard" if before > 0.0 else "port"
+        raise InputError(
+            f"wind angle {math.degrees(wanted.angle):.0f} deg: with the wind from {side} that is a {word}: hold the wind on "
+            f"this side, then order {word}"
+        )
 
     def ask(self, now: float, manoeuvre: Manoeuvre, side: int = 0) -> Asked:
         """Ask for a turn, to the `side` that it goes to or 0; `confirm` begins it. Raises InputError."""
@@ -347,7 +384,7 @@ class WindGuide:
             raise InputError(f"{word}: no wind is being held: order it first")
         if math.isnan(wind.way):
             raise InputError(f"{word}: no speed is heard, and so the angle on the other side is not known")
-        if self._turn is not None:
+        if self._turn is not None and not self._turn.is_late(now):
             raise InputError(f"{word}: the boat is still turning")
         true = true_angle(hold, wind)
         if not MIRROR_LEAST <= abs(true) <= math.pi - MIRROR_LEAST:
@@ -418,9 +455,13 @@ class WindGuide:
 
     def _turned(self, now: float, heading: float, turn: _Turn) -> float:
         """Return the order of a turn, round the way that it goes."""
-        if now >= turn.until or now - turn.began > TURN_PATIENCE_S:
+        is_late = turn.is_late(now)
+        if now >= turn.until or (is_late and self.vane.trouble(now)):
             self._turn = None
             return turn.goal
+        if is_late and self.hold is not None:
+            wind = self.vane.wind
+            turn = turn.towards(wrap(wind.bearing - true_angle(self.hold, wind)))
         if math.isnan(turn.heading):
             remaining = (turn.side * (turn.goal - heading)) % math.tau
         else:

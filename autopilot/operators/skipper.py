@@ -359,15 +359,18 @@ class Skipper:
             self.wind.turn_by(held.angle - angle)
             return
         now = self._tick.now if self._tick is not None else math.inf
-        self.wind.follow(now, is_true, angle)
+        heading = self._tick.state.heading if self._tick is not None and self._tick.state.valid else math.nan
+        self.wind.follow(now, is_true, angle, heading)
         self.hand_to_track()
-        self.wind.follow(now, is_true, angle)
+        self.wind.follow(now, is_true, angle, heading)
 
     def ask_turn(self, manoeuvre: Manoeuvre, side: int = 0, confirmed: bool = False) -> None:
         """Ask for a tack or gybe, to its side or 0; `confirmed`: begin it at once, where the wind lets that. Raises
         InputError."""
-        now = self._tick.now if self._tick is not None else math.inf
-        asked = self.wind.ask(now, manoeuvre, side)
+        tick = self._tick
+        if tick is None or tick.mode is not Mode.ENGAGED:
+            raise InputError(f"{manoeuvre.name.lower()}: nothing is steered: order the wind hold first")
+        asked = self.wind.ask(tick.now, manoeuvre, side)
         if not confirmed:
             return
         if self.wind.is_strong(asked):
@@ -376,11 +379,13 @@ class Skipper:
                 f"{asked.words} in {speed:.0f} m/s of wind, more than guidance.gybe_wind_max_m_s ({most:g}): confirm "
                 f"it within {CONFIRM_S:.0f} s"
             )
-        self.wind.confirm(now)
+        self.wind.confirm(tick.now)
 
     def confirm(self) -> None:
         """Begin the tack or gybe that waits. Raises InputError."""
-        self.wind.confirm(self._tick.now if self._tick is not None else math.inf)
+        if self._tick is None or self._tick.mode is not Mode.ENGAGED:
+            raise InputError("nothing is steered, and nothing turns: order the wind hold first")
+        self.wind.confirm(self._tick.now)
 
     def await_wind(self) -> None:
         """Hold the angle of the apparent wind as soon as one is heard; until then give no order."""

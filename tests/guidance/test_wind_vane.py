@@ -322,6 +322,38 @@ def test_a_tack_that_hangs_in_irons_is_said_until_the_boat_turns_on() -> None:
     assert boat.guide.alarm is None and wrap(boat.wind_from - boat.heading) == pytest.approx(-45.0 * DEG, abs=0.02)
 
 
+def test_a_boat_in_irons_is_said_for_as_long_and_may_be_turned_back() -> None:
+    boat = Boat(quick=6.0 * DEG)
+    boat.hold(True, 45.0 * DEG)
+    boat.sail(30.0)
+    boat.guide.ask(boat.now, Manoeuvre.TACK)
+    boat.guide.confirm(boat.now)
+    boat.sail(8.0)
+    boat.quick = 1.0e-4
+    boat.sail(20.0)
+    with pytest.raises(InputError, match="still turning"):
+        boat.guide.ask(boat.now, Manoeuvre.TACK)
+    for _ in range(240):
+        boat.sail(0.5)
+        assert "has stalled" in words(boat.guide.alarm)
+    boat.wind_from += 20.0 * DEG
+    boat.sail(60.0)
+    assert words(boat.guide.alarm).startswith("the tack or gybe has stalled, 6"), "the wind has veered by 20 deg"
+    boat.guide.ask(boat.now, Manoeuvre.TACK)
+    boat.guide.confirm(boat.now)
+    boat.quick = 6.0 * DEG
+    boat.sail(60.0)
+    assert boat.guide.alarm is None and wrap(boat.wind_from - boat.heading) == pytest.approx(45.0 * DEG, abs=0.02)
+
+
+def test_a_calm_is_named_and_is_no_silent_vane() -> None:
+    boat = Boat(speed=0.0)
+    boat.hold()
+    boat.wind = 0.3
+    boat.sail(FRESH_S + 2.0)
+    assert words(boat.guide.alarm).startswith("wind lost: the wind is below 0.5 m/s: holding")
+
+
 @pytest.mark.parametrize("rate", [0.5, 2.0, 6.0])
 def test_a_slow_turn_is_no_stall(rate: float) -> None:
     boat = Boat(quick=rate * DEG)

@@ -148,7 +148,8 @@ def off(angle: float, degrees: float) -> float:
 
 @pytest.mark.parametrize("degrees", [0.0, 40.0, -120.0, 179.0, -179.0])
 @pytest.mark.parametrize("kind", ["w", "w true"])
-def test_a_given_angle_is_steered_from_either_side_of_bow_and_stern(sea: Sea, kind: str, degrees: float) -> None:
+def test_a_given_angle_is_steered_on_either_side_of_bow_and_stern(sea: Sea, kind: str, degrees: float) -> None:
+    sea.alarms.wind_from = math.copysign(sea.alarms.wind_from, degrees)
     sea.sail(10.0)
     sea.skipper.type_line(f"{kind} {degrees:g}")
     sea.sail(60.0)
@@ -180,6 +181,7 @@ def test_gusts_swing_the_boat_little(sea: Sea, line: str, most: float) -> None:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("order", "angle"), [("tack", 45.0), ("gybe", 140.0)])
 def test_a_tack_and_a_gybe_go_to_the_mirrored_angle(sea: Sea, side: float, order: str, angle: float) -> None:
+    sea.alarms.wind_from *= side
     sea.sail(10.0)
     sea.skipper.type_line(f"w true {side * angle:g}")
     sea.sail(60.0)
@@ -243,6 +245,50 @@ def test_steps_of_degrees_turn_the_boat_to_their_side_and_the_hold_goes_on(sea: 
     assert off(sea.alarms.true(), 40.0) < 3.0
     assert sea.skipper.type_line("-1") == "wind angle 41 deg"
     assert sea.skipper.wind.following
+
+
+@pytest.mark.parametrize(
+    ("held", "line", "word"),
+    [
+        ("w true 45", "w true -45", "tack"),
+        ("w 45", "w true -45", "tack"),
+        ("w true 172", "-10", "gybe"),
+        ("w true 172", "w true -172", "gybe"),
+        ("e 10", "w true -140", "gybe"),
+        ("e 10", "w -30", "tack"),
+    ],
+)
+def test_no_angle_takes_the_boat_to_the_other_side_unasked(sea: Sea, held: str, line: str, word: str) -> None:
+    sea.sail(10.0)
+    sea.skipper.type_line("w")
+    sea.skipper.type_line(held)
+    order = sea.sail(60.0).order
+    with pytest.raises(InputError, match=f"with the wind from starboard that is a {word}"):
+        sea.skipper.type_line(line)
+    assert abs(math.degrees(shortest_turn(order.heading, sea.sail(10.0).order.heading))) < 5.0
+    assert sea.skipper.wind.following is held.startswith("w")
+
+
+def test_dead_before_the_wind_and_close_to_it_either_side_may_be_ordered(sea: Sea) -> None:
+    sea.sail(10.0)
+    for line, wanted in (("w true 180", 180.0), ("w true -170", -170.0), ("w true -60", -60.0)):
+        sea.skipper.type_line(line)
+        sea.sail(90.0)
+        assert off(sea.alarms.true(), wanted) < 3.0
+    sea.skipper.type_line("w true 0")
+    sea.sail(60.0)
+    sea.skipper.type_line("w true 5")
+
+
+def test_no_turn_is_promised_while_nothing_is_steered(sea: Sea) -> None:
+    sea.sail(10.0)
+    sea.skipper.type_line("w true 45")
+    sea.sail(30.0)
+    sea.skipper.type_line("tack")
+    assert sea.sail(2.0, helm=HelmSample(0.0, False, "no way", "rudder")).mode is not Mode.ENGAGED
+    for line in ("y", "tack"):
+        with pytest.raises(InputError, match="nothing is steered"):
+            sea.skipper.type_line(line)
 
 
 def test_a_frozen_vane_leaves_the_heading_from_before_and_says_so(sea: Sea) -> None:
