@@ -373,8 +373,8 @@ class WindGuide:
             return
         word, side = "gybe" if is_gybe else "tack", "starboard" if before > 0.0 else "port"
         raise InputError(
-            f"wind angle {math.degrees(wanted.angle):.0f} deg: with the wind from {side} that is a {word}: hold the wind on "
-            f"this side, then order {word}"
+            f"wind angle {math.degrees(wanted.angle):.0f} deg: with the wind from {side} that is a {word}: hold the wind "
+            f"on this side, then order {word}"
         )
 
     def ask(self, now: float, manoeuvre: Manoeuvre, side: int = 0) -> Asked:
