@@ -372,9 +372,9 @@ class WindGuide:
         if before * after >= 0.0 or is_free or abs(after) >= math.pi - ASTERN:
             return
         word, side = "gybe" if is_gybe else "tack", "starboard" if before > 0.0 else "port"
+        angle = f"wind angle {math.degrees(wanted.angle):.0f} deg"
         raise InputError(
-            f"wind angle {math.degrees(wanted.angle):.0f} deg: with the wind from {side} that is a {word}: hold the wind "
-            f"on this side, then order {word}"
+            f"{angle}: with the wind from {side} that is a {word}: hold the wind on this side, then order {word}"
         )
 
     def ask(self, now: float, manoeuvre: Manoeuvre, side: int = 0) -> Asked:
