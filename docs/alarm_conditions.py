@@ -262,8 +262,8 @@ CONDITIONS = {
     "plotter_arrived": Condition("its last waypoint is passed by for 5 s: the leg is held on", watcher=Watcher.LOOP),
     "wind_awaited": Condition("the wind hold is ordered before a wind is known", watcher=Watcher.LOOP),
     "wind_lost": Condition(
-        "while it leads, no wind or one below 0.5 m/s for 5 s, a vane that repeats itself for 30 s or through a turn of "
-        "10 deg, or a true wind without a speed",
+        "while it leads, none above 0.5 m/s for 5 s, a vane that repeats itself for 30 s or through a turn of 10 deg, "
+        "or a true wind without a speed",
         watcher=Watcher.LOOP,
     ),
     "wind_shifted": Condition(
