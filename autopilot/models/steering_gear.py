@@ -253,6 +253,37 @@ def corrected(before: Reckoned, angle: float, dt: float) -> Reckoned:
     return before._replace(angle=before.angle - math.expm1(-dt / LEARNT_S) * (angle - before.angle))
 
 
+LEAK_S = 30.0
+"""What the rudder does behind shut valves is remembered over so much of the time [s] in which they were shut."""
+LEAK_SHARE = 0.05
+"""Of the slower valve's rate: against such a leak that valve alone would be open for a twentieth of the time."""
+
+
+class Leak(NamedTuple):
+    """How far a sensor has seen the rudder move behind valves that had been shut for long [rad], in how long [s]; since
+    when they have been and the angle shown then, nan: not now."""
+
+    moved: float = 0.0
+    time: float = 0.0
+    shown: tuple[float, float] = (math.nan, math.nan)
+
+    @property
+    def rate(self) -> float:
+        """The rate [rad/s], starboard positive; 0.0 where too little has been seen."""
+        return self.moved / self.time if self.time > LEAK_S / 3.0 else 0.0
+
+
+def leaked(valve: Valve, before: Leak, gate: Gate, now: float, angle: float) -> Leak:
+    """Return the leak after a sensor shows `angle` [rad] at `now` [s]."""
+    if gate.side or now - gate.since < RUNS_ON * valve.coasting:
+        return before._replace(shown=(math.nan, math.nan))
+    dt = now - before.shown[0]
+    if not 0.0 <= dt < LEAK_S:
+        return before._replace(shown=(now, angle))
+    kept = math.exp(-dt / LEAK_S)
+    return Leak(kept * before.moved + angle - before.shown[1], kept * before.time + dt, (now, angle))
+
+
 def switched(valve: Valve, zone: float, turn: float, gate: Gate, rudder: Reckoned, order: float) -> Gate:
     """Return which valve is open from `rudder.time` [s] on, for an `order` [rad]; the next look is `turn` [s] later.
 

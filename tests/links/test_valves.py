@@ -232,3 +232,24 @@ def test_a_vessel_without_a_rate_or_with_too_short_a_pulse_is_refused() -> None:
     )
     with pytest.raises(InputError, match="a pulse that is over before the rudder moves"):
         parse_vessel(text, "x.yaml")
+
+
+@pytest.mark.parametrize(("creep_deg_s", "side"), [(0.6, "starboard"), (-0.6, "port"), (0.0, "")])
+def test_a_rudder_that_moves_behind_shut_valves_is_said(creep_deg_s: float, side: str) -> None:
+    """The limit is 0.2 deg/s, a twentieth of the slower valve's rate; the order swings as on a course."""
+    bench, said = Bench(boat()), set[str]()
+    for step in range(round(60.0 / STEP)):
+        bench.board._place += math.radians(creep_deg_s) * STEP
+        bench.sail(STEP, 4.0 * math.sin(0.3 * step * STEP))
+        warning = bench.drive.warning(bench.now)
+        said |= {warning.detail} if warning is not None else set()
+    words = f"with both valves shut the rudder moves to {side}: a valve that does not close, or a leak"
+    assert said == ({words} if side else set())
+
+
+def test_a_rudder_moved_by_hand_is_no_leak() -> None:
+    bench = Bench(boat())
+    for _ in range(round(60.0 / STEP)):
+        bench.board._place += math.radians(0.4) * STEP
+        bench.sail(STEP, None)
+    assert bench.drive.warning(bench.now) is None

@@ -31,7 +31,19 @@ from collections import deque
 
 from autopilot.errors import InputError
 from autopilot.links.drives import SILENT_S, AskedDrive, DriveSettings, JumpGate
-from autopilot.models.steering_gear import Gate, Reckoned, Swing, corrected, reckoned, switched, swung, zone_in
+from autopilot.models.steering_gear import (
+    LEAK_SHARE,
+    Gate,
+    Leak,
+    Reckoned,
+    Swing,
+    corrected,
+    leaked,
+    reckoned,
+    switched,
+    swung,
+    zone_in,
+)
 from autopilot.signals import AlarmEvent
 
 SET_TARGET, GET_POSITION, GET_ERRORS = 0x84, 0x90, 0xA1
@@ -170,6 +182,7 @@ class ValveDrive(_Board):
         unsure = UNSURE_COUNTS * 2.0 / INPUT_MOST * settings.angle_at_full if self.measures else 0.0
         self.zone = max(self._valve.zone(self._turn, unsure), settings.dead_band)
         self._gate, self._rudder, self._swing = Gate(), Reckoned(), Swing()
+        self._leak, self._leaks = Leak(), ""
         self._engaged_s, self._last = 0.0, math.nan
         self._turns = 0
         self._seen = -math.inf
@@ -201,6 +214,8 @@ class ValveDrive(_Board):
         age = now - self._seen
         self._rudder = corrected(self._rudder, angle, age if age <= REST_S else math.inf)
         self._seen = now
+        if not math.isnan(self._last):
+            self._leak = leaked(self._valve, self._leak, self._gate, now, angle)
         return [angle]
 
     def _is_possible(self, channel: int, value: int) -> bool:
@@ -215,7 +230,7 @@ class ValveDrive(_Board):
         """Return the commands that bring the rudder to `angle` [rad]: which valve is open, and that no other is."""
         dt = 0.0 if math.isnan(self._last) else now - self._last
         if math.isnan(self._last):
-            self._swing = Swing()
+            self._swing, self._leak = Swing(), Leak()
             if not self.measures:
                 self._rudder = Reckoned(0.0, 0.0, now)  # as a hand leaves it that has steered straight on
         self._engaged_s += dt
@@ -255,6 +270,20 @@ class ValveDrive(_Board):
     def has_released(self) -> bool:
         """Return whether the board has answered since the release that both outputs are off."""
         return not any(self._shown.values())
+
+    def warning(self, now: float) -> AlarmEvent | None:
+        """Return that the rudder moves behind shut valves, or the error that the board reported last; None for neither.
+
+        The weaker of two valves that is stuck open is held by the other one, and a leak by many openings: the course is
+        held, and nothing else tells of it.
+        """
+        rate, least = self._leak.rate, LEAK_SHARE * min(self._valve.port, self._valve.starboard)
+        if abs(rate) < 0.5 * least:
+            self._leaks = ""
+        elif abs(rate) > least and not self._leaks:
+            side = "starboard" if rate > 0.0 else "port"
+            self._leaks = f"with both valves shut the rudder moves to {side}: a valve that does not close, or a leak"
+        return AlarmEvent("drive_warning", self._leaks) if self._leaks else super().warning(now)
 
     def fault(self, now: float) -> str:
         """Return why the valves cannot turn the rudder; empty where they can."""
