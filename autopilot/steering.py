@@ -80,10 +80,8 @@ def wave_shares(
 def plausible_share(deviation: float, wave: float) -> float:
     """Return which share of a heading `wave` [rad] put down to waves of this standard deviation [rad] is one: all of it
     up to where it is too much for them, and no more than that."""
-    if wave == 0.0:
-        return 1.0
-    share = math.sqrt(EXTREME_SQUARED * (deviation * deviation) + EXTREME_LEAST_SQUARED) / abs(wave)
-    return 1.0 if share > 1.0 else share
+    most = EXTREME_SQUARED * (deviation * deviation) + EXTREME_LEAST_SQUARED
+    return 1.0 if wave * wave <= most else math.sqrt(most) / abs(wave)
 
 
 def filtered_share(frequency: float, corner: float) -> float:
