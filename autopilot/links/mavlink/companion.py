@@ -497,7 +497,7 @@ class CompanionSession:
         waits = "" if authority.steering else reader.streams.waiting or self._other.waiting(now)
         reason = obstacle or proof.reason or waits
         self._reason = self._with_signing(reason) if reason and self._it_signs else reason
-        cause = self._cause(bool(obstacle), proof.reason, waits)
+        cause = self._cause(bool(obstacle), proof.reason, waits) if reason else authority.cause
         if self._helm is None or (self._helm.reason, self._helm.cause) != (self._reason, cause):
             self._helm = HelmSample(now, not self._reason, self._reason, self.name, cause)
             samples.insert(0, self._helm)
