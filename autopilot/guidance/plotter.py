@@ -22,7 +22,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import compass_text, shortest_turn, wrap
-from autopilot.guidance.track import Set
+from autopilot.guidance.track import ALARM_OFF, STRONG_S, Set
 from autopilot.signals import AlarmEvent
 
 DRIFT_SHARE = 0.3
@@ -63,6 +63,9 @@ TURN_MOST = math.radians(100.0)
 PASSED_S = 5.0
 """A waypoint passed for so long, without a new leg, was the last one."""
 DT_MOST = 2.0
+JUMP_M, JUMP_SPEED, JUMP_SPEEDS = 10.0, 5.0, 2.0
+"""The error of one leg may have grown by so much [m] since it was said last, and by this for each second [m/s], or by
+so many times the boat's speed: more is a position that has jumped. One that comes back is followed."""
 PLOTTERS_KEPT = 8
 CONTESTED = "two plotters lead different ways: end the route of one"
 UNLIKE = "no two of its sentences in a row name the same leg"
@@ -143,6 +146,11 @@ class PlotterGuide:
         self._began: float | None = None
         """When it led last [s], or was first waited for."""
         self._passed: float | None = None
+        self._jumped: tuple[float, float] | None = None
+        """When [s] an error was said last that the boat cannot have got to, and that error [m]; None: it is not."""
+        self._speed = 0.0
+        self._strong_since = math.inf
+        self._is_strong = False
 
     def follow(self) -> None:
         """Begin to follow, or confirm the turn that waits for it."""
@@ -183,6 +191,9 @@ class PlotterGuide:
             del self._said[next(iter(self._said))]
         if before is None or message.time - before.time > TIMEOUT_S:
             self._began = message.time
+        if isinstance(message, PlotterLeg) and self._jumps(message):
+            self._jumped = message.time, message.cross_track
+            return
         if self._message is not None and _is_same(self._message, message):
             self._period = min(max(message.time - self._message.time, PERIOD_LEAST), PERIOD_MOST)
             self._message = message
@@ -195,7 +206,22 @@ class PlotterGuide:
             self._drift = 0.0
             self._confirmed = False
         if self._message is message:
-            self._led = message
+            self._led, self._jumped = message, None
+
+    def _jumps(self, message: PlotterLeg) -> bool:
+        """Return whether it names the leg that is led along, and an error that the boat cannot have got to."""
+        led, jumped = self._led, self._jumped
+        if not self.following or self._confirmed or not isinstance(led, PlotterLeg) or not _is_same(led, message):
+            return False
+        is_fresh = jumped is not None and message.time - jumped[0] <= TIMEOUT_S
+        if is_fresh and jumped and abs(message.cross_track - jumped[1]) <= self._reach(message, jumped[0]):
+            return True
+        grown = abs(message.cross_track) - abs(led.cross_track)
+        return grown > led.step + self._reach(message, led.time)
+
+    def _reach(self, message: PlotterLeg, since: float) -> float:
+        """Return by how much [m] the error may have changed since a time [s]."""
+        return JUMP_M + message.step + max(JUMP_SPEED, JUMP_SPEEDS * self._speed) * (message.time - since)
 
     def unread(self, now: float, reason: str) -> None:
         """Take that something came at `now` [s] which cannot be led along; where nothing else comes, `reason` is
@@ -239,7 +265,7 @@ class PlotterGuide:
         Without a plotter that leads, it is the course held last, or the present heading, and `alarm` says why.
         """
         dt = 0.0 if self._now is None else min(max(now - self._now, 0.0), DT_MOST)
-        self._now = now
+        self._now, self._speed = now, abs(speed)
         if self._began is None:
             self._began = now
         message = self._fresh(now)
@@ -262,6 +288,9 @@ class PlotterGuide:
 
     def _event(self, now: float, message: PlotterLeg | PlotterHeading | None) -> AlarmEvent | None:
         held = f"holding {compass_text(self._held or 0.0, 1)} deg"
+        if self._jumped is not None and now - self._jumped[0] <= TIMEOUT_S:
+            far = f"its error has jumped to {abs(self._jumped[1]):.0f} m: check its GPS, or type f to follow it"
+            return AlarmEvent("plotter_invalid", f"({far}): {held}")
         newest = self._candidate
         is_fresh = newest is not None and now - newest.time <= TIMEOUT_S
         waits = is_fresh and newest is not None and message is not newest and not self._is_still_said(newest.time)
@@ -273,6 +302,8 @@ class PlotterGuide:
         self._passed = (self._passed or now) if is_passed else None
         if self._passed is not None and isinstance(message, PlotterLeg) and now - self._passed >= PASSED_S:
             return AlarmEvent("plotter_arrived", f"{message.name or 'its waypoint'}: {held}")
+        if strong := self._too_strong(now, message):
+            return AlarmEvent("current_too_strong", strong)
         if message is not None or (not self._invalid and now - (self._began or 0.0) < TIMEOUT_S):
             return None
         if self._invalid or is_fresh:
@@ -282,6 +313,19 @@ class PlotterGuide:
         if now - self._unread[0] <= TIMEOUT_S:
             return AlarmEvent("plotter_invalid", f"({self._unread[1]}): {held}")
         return AlarmEvent("plotter_silent", f"for {TIMEOUT_S:.0f} s or more: {held}")
+
+    def _too_strong(self, now: float, message: PlotterLeg | PlotterHeading | None) -> str:
+        """Return why the leg cannot be held in the current that is known, "" where it can."""
+        stream = self.stream
+        if stream is None or not isinstance(message, PlotterLeg):
+            self._strong_since, self._is_strong = math.inf, False
+            return ""
+        calmer = Set(stream.north / ALARM_OFF, stream.east / ALARM_OFF, stream.speed) if self._is_strong else stream
+        self._strong_since = math.inf if calmer.holds(message.track) else min(self._strong_since, now)
+        self._is_strong = now - self._strong_since >= STRONG_S
+        strength = math.hypot(stream.north, stream.east)
+        said = f"the plotter's leg: {strength:.1f} m/s of current, the boat does {stream.speed:.1f} m/s"
+        return said if self._is_strong else ""
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:
         ahead = max(LOOKAHEAD_LEAST, LOOKAHEAD_S * abs(speed), STEPS_IN_LOOKAHEAD * leg.step)

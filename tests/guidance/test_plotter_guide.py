@@ -399,3 +399,59 @@ def test_no_other_plotter_takes_over_from_one_that_falls_silent_unless_it_leads_
     idle = PlotterInvalid(0.0, "its navigation has ended")
     assert two.sail(20, fourth=idle, third=2.0) == pytest.approx(1.0, abs=0.6)
     assert two.said[-1] == "plotter_invalid"
+
+
+def test_an_error_that_no_boat_gets_to_turns_nothing_until_it_is_confirmed() -> None:
+    boat = Boat(0.3, 0.0, 0.3)
+    boat.guide.follow()
+    boat.sail(20.0)
+    for off in (200.0, -150.0):
+        held = boat.heading
+        for _ in range(60):
+            boat.guide.take(boat.message()._replace(cross_track=off))
+            boat.sail(1.0, talking=False)
+            assert abs(shortest_turn(boat.heading, held)) < math.radians(2.0)
+        said = words(boat.guide.alarm)
+        assert f"its error has jumped to {abs(off):.0f} m" in said and "type f" in said
+        boat.sail(20.0)
+        assert boat.guide.alarm is None and abs(boat.off) < 1.0, "it came back"
+    for _ in range(5):
+        boat.guide.take(boat.message()._replace(cross_track=200.0))
+        boat.sail(1.0, talking=False)
+    boat.guide.follow()
+    for _ in range(5):
+        boat.guide.take(boat.message()._replace(cross_track=200.0))
+        boat.sail(1.0, talking=False)
+    assert boat.guide.alarm is None and shortest_turn(0.3, boat.heading) < -math.radians(30.0)
+
+
+def test_an_error_that_grew_in_a_long_silence_is_followed() -> None:
+    boat = Boat(0.3, 0.0, 0.3)
+    boat.guide.follow()
+    boat.sail(20.0)
+    boat.sail(60.0, talking=False)
+    for _ in range(4):
+        boat.guide.take(boat.message()._replace(cross_track=150.0))
+        boat.sail(1.0, talking=False)
+    assert boat.guide.alarm is None and shortest_turn(0.3, boat.heading) < -math.radians(15.0)
+
+
+@pytest.mark.parametrize("across", [1.0, -1.0])
+def test_a_current_that_the_leg_cannot_be_held_in_is_said(across: float) -> None:
+    boat = Boat(0.0, 0.0, 0.0)
+    boat.guide.follow()
+    boat.guide.stream = Set(0.0, across * 0.95 * SPEED, SPEED)
+    boat.sail(10.0)
+    assert boat.guide.alarm is None
+    boat.sail(10.0)
+    said = words(boat.guide.alarm)
+    assert (
+        said.startswith("the current is too strong for the route, the plotter's leg: 3.8 m/s of current")
+        and "go faster" in said
+    )
+    boat.guide.stream = Set(0.0, across * 0.85 * SPEED, SPEED)
+    boat.sail(2.0)
+    assert boat.guide.alarm is not None, "it does not come and go"
+    boat.guide.stream = Set(0.0, across * 0.5 * SPEED, SPEED)
+    boat.sail(2.0)
+    assert boat.guide.alarm is None
