@@ -30,6 +30,9 @@ DRIFT_SHARE = 0.3
 LOOKAHEAD_LEAST = 15.0
 LOOKAHEAD_S = 10.0
 """Delta is at least this far [m], and as far as the boat goes in this time [s]."""
+SHARPEST = 4.0 / (3.0 * math.sqrt(3.0))
+"""And this share of the boat's turning radius. Line of sight bends no sharper than a circle of 3 sqrt(3)/2 Delta, where
+cos^2 sin of the angle to the leg is greatest; with less than half of the boat's turn left it weaves about the leg."""
 
 
 def line_of_sight(
@@ -116,6 +119,7 @@ class PlotterGuide:
         alarm: what the skipper must know, None when all is well; only while `following`.
         cross_track: the error [m] of the leg steered, nan without one.
         stream: the current where positions have taught it; it takes the integral's place. None: it is not known.
+        turn_radius: of the boat [m], 0 where it is not known.
     """
 
     def __init__(self) -> None:
@@ -124,6 +128,7 @@ class PlotterGuide:
     def reset(self) -> None:
         """Forget the plotter."""
         self.stream: Set | None = None
+        self.turn_radius = 0.0
         self.following = False
         self.alarm: AlarmEvent | None = None
         self.cross_track = math.nan
@@ -328,7 +333,8 @@ class PlotterGuide:
         return said if self._is_strong else ""
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:
-        ahead = max(LOOKAHEAD_LEAST, LOOKAHEAD_S * abs(speed), STEPS_IN_LOOKAHEAD * leg.step)
+        turns = SHARPEST * self.turn_radius
+        ahead = max(LOOKAHEAD_LEAST, LOOKAHEAD_S * abs(speed), STEPS_IN_LOOKAHEAD * leg.step, turns)
         if self.stream is not None:
             # what the integral would come to, should the positions end
             self._drift = ahead * math.tan(self.stream.crab(leg.track))

@@ -172,7 +172,7 @@ class Skipper:
                 self.weak = alarm.detail
         if tick.state.valid:
             self.track.move(now, tick.state.heading, tick.state.speed)
-            self.plotter.stream = self.track.stream(now)
+            self.plotter.stream, self.plotter.turn_radius = self.track.stream(now), self.track.settings.turn_radius
         if self._awaits_wind and self.wind.is_known(tick.now):
             self.hold_wind()
 

@@ -455,3 +455,31 @@ def test_a_current_that_the_leg_cannot_be_held_in_is_said(across: float) -> None
     boat.guide.stream = Set(0.0, across * 0.5 * SPEED, SPEED)
     boat.sail(2.0)
     assert boat.guide.alarm is None
+
+
+@pytest.mark.parametrize("radius", [60.0, 700.0])
+@pytest.mark.parametrize("speed", [2.0, 5.0])
+def test_the_way_to_the_leg_bends_half_as_sharp_as_the_boat_turns(radius: float, speed: float) -> None:
+    guide = PlotterGuide()
+    guide.turn_radius, guide.stream = radius, Set(0.0, 0.0, speed)
+    guide.follow()
+    off, before, bends = 3.0 * radius, math.nan, []
+    for tick in range(60000):
+        now = 0.1 * tick
+        if tick % 10 == 0:
+            guide.take(PlotterLeg(now, 0.0, off, 0.0, "WP1"))
+        heading = guide.course(now, 0.0, speed)
+        if tick % 10 == 0:
+            bends.append(abs(wrap(heading - before)) / speed)
+            before = heading
+        off += 0.1 * speed * math.sin(heading)
+    assert max(bends[3:]) < 0.51 / radius
+    assert abs(off) < 0.1
+
+
+def test_skippers_tell_the_plotter_s_guide_how_the_boat_turns() -> None:
+    from boat_at_sea import Sea
+
+    sea = Sea()
+    sea.sail(1.0)
+    assert sea.skipper.plotter.turn_radius == sea.track.settings.turn_radius > 0.0
