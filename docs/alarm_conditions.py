@@ -256,7 +256,9 @@ CONDITIONS = {
     ),
     "plotter_turn": Condition("its new leg needs a turn of more than 100 deg", watcher=Watcher.LOOP),
     "plotter_invalid": Condition(
-        "its sentences say that they are not valid, or no two in a row name the same leg for 8 s", watcher=Watcher.LOOP
+        "its sentences say that they are not valid, no two in a row name the same leg for 8 s, or its error grows faster "
+        "than the boat goes",
+        watcher=Watcher.LOOP,
     ),
     "plotter_silent": Condition("no sentence for 8 s", watcher=Watcher.LOOP),
     "plotter_arrived": Condition("its last waypoint is passed by for 5 s: the leg is held on", watcher=Watcher.LOOP),

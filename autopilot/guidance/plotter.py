@@ -151,11 +151,11 @@ class PlotterGuide:
         self._began: float | None = None
         """When it led last [s], or was first waited for."""
         self._passed: float | None = None
-        self._jumped: tuple[float, float] | None = None
-        """When [s] an error was said last that the boat cannot have got to, and that error [m]; None: it is not."""
+        self._jumped: tuple[float, float, float] | None = None
+        """When [s] an error was said last that the boat cannot have got to, that error and the first such [m]."""
         self._speed = 0.0
         self._strong_since = math.inf
-        self._is_strong = False
+        self._strong = ""
 
     def follow(self) -> None:
         """Begin to follow, or confirm the turn that waits for it."""
@@ -197,7 +197,8 @@ class PlotterGuide:
         if before is None or message.time - before.time > TIMEOUT_S:
             self._began = message.time
         if isinstance(message, PlotterLeg) and self._jumps(message):
-            self._jumped = message.time, message.cross_track
+            first = self._jumped[2] if self._jumped is not None else abs(message.cross_track)
+            self._jumped = message.time, message.cross_track, first
             return
         if self._message is not None and _is_same(self._message, message):
             self._period = min(max(message.time - self._message.time, PERIOD_LEAST), PERIOD_MOST)
@@ -294,7 +295,7 @@ class PlotterGuide:
     def _event(self, now: float, message: PlotterLeg | PlotterHeading | None) -> AlarmEvent | None:
         held = f"holding {compass_text(self._held or 0.0, 1)} deg"
         if self._jumped is not None and now - self._jumped[0] <= TIMEOUT_S:
-            far = f"its error has jumped to {abs(self._jumped[1]):.0f} m: check its GPS, or type f to follow it"
+            far = f"its error has jumped to {self._jumped[2]:.0f} m: check its GPS, or type f to follow it"
             return AlarmEvent("plotter_invalid", f"({far}): {held}")
         newest = self._candidate
         is_fresh = newest is not None and now - newest.time <= TIMEOUT_S
@@ -323,14 +324,17 @@ class PlotterGuide:
         """Return why the leg cannot be held in the current that is known, "" where it can."""
         stream = self.stream
         if stream is None or not isinstance(message, PlotterLeg):
-            self._strong_since, self._is_strong = math.inf, False
+            self._strong_since, self._strong = math.inf, ""
             return ""
-        calmer = Set(stream.north / ALARM_OFF, stream.east / ALARM_OFF, stream.speed) if self._is_strong else stream
-        self._strong_since = math.inf if calmer.holds(message.track) else min(self._strong_since, now)
-        self._is_strong = now - self._strong_since >= STRONG_S
-        strength = math.hypot(stream.north, stream.east)
-        said = f"the plotter's leg: {strength:.1f} m/s of current, the boat does {stream.speed:.1f} m/s"
-        return said if self._is_strong else ""
+        calmer = Set(stream.north / ALARM_OFF, stream.east / ALARM_OFF, stream.speed) if self._strong else stream
+        if calmer.holds(message.track):
+            self._strong_since, self._strong = math.inf, ""
+            return ""
+        self._strong_since = min(self._strong_since, now)
+        if now - self._strong_since >= STRONG_S and not self._strong:
+            strength = math.hypot(stream.north, stream.east)
+            self._strong = f"the plotter's leg: {strength:.1f} m/s of current, the boat does {stream.speed:.1f} m/s"
+        return self._strong
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:
         turns = SHARPEST * self.turn_radius
