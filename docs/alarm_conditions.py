@@ -256,8 +256,8 @@ CONDITIONS = {
     ),
     "plotter_turn": Condition("its new leg needs a turn of more than 100 deg", watcher=Watcher.LOOP),
     "plotter_invalid": Condition(
-        "its sentences say that they are not valid, no two in a row name the same leg for 8 s, or its error grows faster "
-        "than the boat goes",
+        "its sentences say that they are not valid, no two in a row name the same leg for 8 s, or its error grows "
+        "faster than the boat goes",
         watcher=Watcher.LOOP,
     ),
     "plotter_silent": Condition("no sentence for 8 s", watcher=Watcher.LOOP),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -10,9 +11,13 @@ from boats import BOATS, vessel_of
 from plant import Plant
 
 from autopilot.guidance.current import EQUATOR_RADIUS
+from autopilot.guidance.plotter import PlotterGuide, PlotterLeg
 from autopilot.guidance.track import TrackGuide, Waypoint
-from autopilot.runtime.build import build_pilot, gear_of, model_of, track_settings_of
-from autopilot.signals import Order, OrderKind, PositionSample, SpeedSample
+from autopilot.links.ground_station.mission import Mission
+from autopilot.operators.skipper import Skipper
+from autopilot.runtime.build import build_pilot, gear_of, limits_of, model_of, track_settings_of
+from autopilot.signals import Order, OrderKind, PositionSample, Sample, SpeedSample, Tick
+from autopilot.vessel.file import load_vessel
 
 LATITUDE, LONGITUDE = math.radians(57.7), math.radians(11.9)
 
@@ -91,3 +96,28 @@ def test_corners_are_taken_without_running_wide(name: str) -> None:
             f"{wide:.1f} m wide, turning radius {settings.turn_radius:.0f} m"
         )
         assert abs(offs[-1]) < 0.1 * settings.turn_radius
+
+
+@pytest.mark.parametrize("name", ["container_ship", "frigate"])
+def test_a_ship_does_not_go_to_and_fro_across_a_plotter_s_leg(name: str) -> None:
+    """With a cross-track error once a second, in a current of 0.2 U; it begins across the leg."""
+    vessel = load_vessel(name)
+    pilot, box = build_pilot(vessel), Plant(model_of(vessel), gear_of(vessel))
+    settings = track_settings_of(vessel)
+    skipper = Skipper(limits_of(vessel).angle_max, PlotterGuide(), Mission(TrackGuide(settings)))
+    skipper.type_line("e 60")
+    skipper.follow()
+    tick: Tick | None = None
+    off, offs, step = -0.5 * settings.turn_radius, [], 0.2
+    for count in range(round(10.0 * settings.turn_radius / settings.speed / step)):
+        samples: list[Sample] = [*box.sense(), SpeedSample(box.time, settings.speed)]
+        if count % 5 == 0:
+            skipper.plotter.take(PlotterLeg(box.time, 0.0, off, 1.852, "WP1"))
+            offs.append(off / settings.turn_radius)
+        tick = pilot.step(box.time, tuple(samples), skipper(box.time, tick))
+        pilot.learn(tick)
+        box.step(tick.command.angle if tick.command.engaged else 0.0, step)
+        off += step * settings.speed * (math.sin(box.heading) + 0.2)
+    crossings = sum(one * other < 0.0 for one, other in itertools.pairwise(offs))
+    assert crossings <= 1
+    assert abs(offs[-1]) < 0.05
