@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 
 from autopilot.angles import PI, wrap
-from autopilot.control.bow_thruster import bow_look, with_bow, with_bow_found
+from autopilot.control.bow_thruster import bow_look, turns_boat, with_bow, with_bow_found
 from autopilot.control.law import NO_ROLL, LawInput, RollInput
 from autopilot.control.limits import Rest, limited, limited_at_once
 from autopilot.control.roll_damping import RollDamping, damped, rolled
@@ -252,6 +252,8 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
     # thrusts that come later than filed turn a boat as a slow gear does, and swing it for good if nobody plans with it
     if is_ours and not is_measured:
         known = begun_at(present.rudder) if is_new_path else state.rudder.rate
+        if turns_boat(boat.thruster, bow):
+            known = begun_at(present.rudder, known.slower if known.is_sure else 1.0)
         estimate, way, rate = with_gear_found(config.steering, (estimate, way), known, dt, present, found)
     else:
         slowest = min(monitors.rudder.following.slow) if is_ours and model.n1 > 0.0 else math.inf
@@ -492,7 +494,7 @@ def view_of(
         guide.heading,
         command.angle if ours else 0.0,
         boat.limits.angle_max,
-        not -boat.steerage < seen.speed < boat.steerage,
+        not (-boat.steerage < seen.speed < boat.steerage or turns_boat(boat.thruster, state.bow)),
         estimate.fusion.innovation_mean,
         waits,
         zigzag_divergence(guide, order, seen.heading) if is_engaged and not on_heading else 0.0,

@@ -238,6 +238,11 @@ class Bow(NamedTuple):
     is_needed: bool = False
 
 
+def turns_boat(thruster: BowThruster | None, bow: Bow) -> bool:
+    """Return whether the thruster may turn the boat just now: what the boat does then tells nothing of its rudder."""
+    return thruster is not None and (bow.thruster.share != 0.0 or bow.thruster.since < thruster.delay + thruster.time)
+
+
 def with_bow_found(bow: Bow, found: Mapping[str, AlarmEvent]) -> Mapping[str, AlarmEvent]:
     """Return what is found, and what keeps the bow thruster from turning the boat."""
     thruster, disobeyed = bow.thruster, bow.disobeyed if bow.is_needed else ""

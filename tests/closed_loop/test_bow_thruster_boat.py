@@ -253,6 +253,19 @@ def test_a_slow_boat_that_drifts_keeps_its_healthy_rudder(
     assert boat.tick.mode is Mode.ENGAGED
 
 
+def test_what_the_boat_does_while_its_thruster_turns_it_is_no_evidence() -> None:
+    """With way that the rudder steers by, and a course far off: the thruster helps."""
+    boat = lying(speed=0.18, wind=WindSection(speed_m_s=3.0, from_deg=90.0))
+    boat.engage(120.0)
+    helped = 0
+    for _ in range(600):
+        boat.run(0.1)
+        if boat.tick.command.thruster and not boat.pilot.state.way.waits:
+            helped += 1
+            assert math.isnan(boat.pilot.state.monitors.rudder.response.evidence.since)
+    assert helped > 20
+
+
 def test_a_dead_thruster_is_found_and_rests() -> None:
     boat = lying(faults=(FaultSection("bow_thruster_dead", 0.0),))
     boat.engage(90.0)

@@ -8,7 +8,7 @@ from itertools import pairwise
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot.control.bow_thruster import AT_REST, BowLook, BowState, BowThruster, bow_step
+from autopilot.control.bow_thruster import AT_REST, Bow, BowLook, BowState, BowThruster, bow_step, turns_boat
 
 DT = 0.05
 DEGREE = math.pi / 180.0
@@ -173,3 +173,18 @@ def test_a_turn_that_is_short_of_rudder_for_a_moment_starts_nothing() -> None:
     for step in range(200):
         state = bow_step(BOAT, state, BowLook(0.5, 0.0, 0.0, (3.0 if step < 20 else 0.5) * most, most), DT)
         assert not state.share
+
+
+def test_it_may_turn_the_boat_until_its_thrust_and_that_which_it_caused_are_gone() -> None:
+    thruster = BowThruster(rate=0.1, time=4.0, useless_above=1.5, delay=0.3)
+    told = [
+        turns_boat(fitted, Bow(BowState(share=share, since=since)))
+        for fitted, share, since in [
+            (thruster, 1.0, 60.0),
+            (thruster, 0.0, 4.2),
+            (thruster, 0.0, 4.4),
+            (thruster, 0.0, math.inf),
+            (None, 0.0, 0.0),
+        ]
+    ]
+    assert told == [True, True, False, False, False]
