@@ -10,12 +10,12 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from autopilot.angles import wrap
-from autopilot.control.registry import filed_laws
+from autopilot.control.registry import LAWS, filed_laws
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.model_choice import steering_errors, steering_model
@@ -24,7 +24,7 @@ from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run
 from autopilot.identification.verdict import Verdict, verdict_on_runs
 from autopilot.links.base import LinkError
-from autopilot.logs.reading import load_run
+from autopilot.logs.reading import LogOptions, ReadOptions, load_run
 from autopilot.pilot import Pilot
 from autopilot.runtime.app import App, Plan
 from autopilot.runtime.build import build_pilot
@@ -70,10 +70,15 @@ Orders = Callable[[float, Tick | None], Order]
 """What moves the order: given the time [s] and the last tick, it returns the order in force."""
 
 
-def read_log(path: str | Path) -> Run:
+def read_log(path: str | Path, *, vessel: Vessel | None = None, columns: Mapping[str, str] | None = None) -> Run:
     """Return what identification uses of a log of any kind that `autopilot log` reads: columns over time, in SI units
-    and radians, heading unwrapped, rudder positive to starboard."""
-    return load_run(str(path))
+    and radians, heading unwrapped, rudder positive to starboard.
+
+    vessel: whose servo, gear or thrusters make angles of the orders in a log that has no angle of the rudder. columns:
+    what a CSV table calls them, by their names here: {"rudder_deg": "helm"}.
+    """
+    options = LogOptions(ReadOptions(columns))
+    return load_run(str(path), options=options if vessel is None else options.of_vessel(vessel))
 
 
 def read_ticks(path: str | Path) -> list[Tick]:
@@ -85,9 +90,9 @@ def identify(*logs: Run | str | Path, vessel: Vessel | None = None, reference_sp
     """Return Norrbin's model of the boat that sailed the `logs`, with its covariance and what the logs cannot tell: the
     answer of the command `identify`.
 
-    vessel: the boat as its file says, for its length and its rudder's rate; None: the one inside the logs, where there
-    is one. reference_speed [m/s]: at which K, T and n3 hold; None: the logs' mean speed. What it is good for says
-    `verdict`.
+    vessel: the boat as its file says, for its length, its rudder's rate, and how `read_log` reads the logs; None: the
+    one inside the logs, where there is one. reference_speed [m/s]: at which K, T and n3 hold; None: the logs' mean
+    speed. What it is good for says `verdict`.
     """
     runs, boat = _recorded(logs, vessel, "identify")
     method = method_named(None)
@@ -117,7 +122,7 @@ def _recorded(logs: Sequence[Run | str | Path], vessel: Vessel | None, asks: str
     """Return the runs, and the boat that sailed them where it is known."""
     if not logs:
         raise InputError(f"{asks} needs the logs of the boat: {asks}(..., log)")
-    runs = [log if isinstance(log, Run) else read_log(log) for log in logs]
+    runs = [log if isinstance(log, Run) else read_log(log, vessel=vessel) for log in logs]
     return runs, recorded_vessel(runs) if vessel is None else vessel
 
 
@@ -143,8 +148,8 @@ def design(vessel: Vessel, level: int = 5) -> Vessel:
 
     level: 1 keeps the rudder quiet, 9 the course. Raises RefusedError where no gains keep their margins.
     """
-    if not 1 <= level <= 9:
-        raise InputError(f"level {level}: allowed is 1 to 9")
+    if level not in range(1, 10):
+        raise InputError(f"level {level!r}: allowed is 1 to 9")
     return designed(vessel, GainRequest(level))
 
 
@@ -158,11 +163,15 @@ def save_vessel(vessel: Vessel, path: str | Path) -> None:
 def pilot_for(vessel: Vessel, law: str | None = None) -> Pilot:
     """Return a pilot: `tick = pilot.step(now, samples, order)`. It has no clock and no link; the same inputs give the
     same commands."""
+    if law is not None and law not in LAWS:
+        raise InputError(f"law {law!r}: there are {', '.join(filed_laws())}")
     return build_pilot(vessel, law)
 
 
 def heading_order(heading_deg: float, serial: int = 1) -> Order:
     """Return the order to hold a heading in degrees; a new `serial` is a new intention, which may engage."""
+    if not math.isfinite(heading_deg):
+        raise InputError(f"heading {heading_deg}: a number of degrees is needed")
     return Order(OrderKind.HEADING, wrap(math.radians(heading_deg)), serial=serial)
 
 
@@ -171,6 +180,10 @@ def run(
 ) -> list[Tick]:
     """Steer in real time over `links` (URLs as of `autopilot run`, ArduRover by the ground station's id) for `duration`
     [s]; return the ticks. On every way out the rudder is released. LinkError where no heading has come."""
+    if isinstance(links, str):
+        raise InputError(f"links {links!r}: several may be given, so write a list: [{links!r}]")
+    if not 0.0 < duration < math.inf:
+        raise InputError(f"duration {duration}: a number of seconds above 0 is needed")
     sink = None if log is None else (lambda: log_file(Path(log)))
     plan = Plan(vessel, orders, urls=tuple(links), options=LinkOptions(as_gcs=True), log=sink)
     ticks: list[Tick] = []

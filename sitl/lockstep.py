@@ -6,10 +6,12 @@ in memory. The clock is the program's: a minute at sea takes a few seconds, and 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
+from autopilot.errors import InputError
 from autopilot.links.mavlink.companion import CompanionLink
 from autopilot.links.transports import loopback_pair
 from autopilot.runtime.app import App, Plan
@@ -60,6 +62,8 @@ def simulate(
     """
     from autopilot.vessel.file import load_vessel
 
+    if not 0.0 < seconds < math.inf:
+        raise InputError(f"seconds {seconds}: a number above 0 is needed")
     sailing = vessel if boat is None else load_vessel(boat) if isinstance(boat, str) else boat
     loaded = load_scenario(scenario) if isinstance(scenario, str) else scenario
     world = World(sailing, afloat(boat if isinstance(boat, str) else "", loaded, sailing.drive.kind))

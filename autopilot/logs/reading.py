@@ -26,7 +26,8 @@ from autopilot.links.mavlink.frames import MAGIC_V1, MAGIC_V2
 from autopilot.logs.merge import merged, sources_of
 from autopilot.logs.series import ANGLES, THROTTLE, WIND_DIRECTION, FloatArray, LogFormat, Recording, Series, duration
 from autopilot.logs.series import ReadOptions as ReadOptions
-from autopilot.logs.table import RudderSettings, Table, orders_of, table_of
+from autopilot.logs.table import RudderSettings, ServoScale, Table, orders_of, table_of
+from autopilot.vessel.schema import Vessel
 
 LOOK_AT = 4096
 FARTHER = 65536
@@ -344,6 +345,19 @@ class LogOptions(NamedTuple):
 
     reading: ReadOptions = ReadOptions()
     rudder: RudderSettings = RudderSettings()
+
+    def of_vessel(self, vessel: Vessel) -> LogOptions:
+        """Return them with what the vessel's file says of servo, rudder, gear and thrusters, where they say nothing."""
+        from autopilot.runtime.build import gear_of, thrusters_of  # most commands read no vessel's log
+
+        helm, servo, at_full = vessel.helm, self.reading.servo, self.rudder.at_full
+        if servo is None and helm.servo_us is not None:
+            servo = ServoScale(*helm.servo_us)
+        if at_full is None:
+            full = math.radians(helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg)
+            at_full = -full if helm.reversed else full
+        reading = self.reading._replace(servo=servo, thrusters=thrusters_of(vessel))
+        return LogOptions(reading, self.rudder._replace(at_full=at_full, gear=gear_of(vessel)))
 
 
 def load_recording(text: str, options: ReadOptions = ReadOptions()) -> Recording:  # noqa: B008 - immutable

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from boat_recordings import dataflash, zigzag_boat
 from two_processes import free_port, simulator
 
 import autopilot
@@ -118,3 +121,44 @@ def test_the_same_scenario_sails_the_same() -> None:
 def test_a_level_that_is_none_is_refused(level: int) -> None:
     with pytest.raises(autopilot.InputError, match="allowed is 1 to 9"):
         autopilot.design(autopilot.load_vessel("lanxin"), level)
+
+
+def test_a_log_without_rudder_angles_is_read_by_the_vessel_s_servo(tmp_path: Path) -> None:
+    log = tmp_path / "trial.BIN"
+    log.write_bytes(dataflash(zigzag_boat(seconds=40.0)))
+    boat = autopilot.load_vessel("lanxin")
+    with pytest.raises(autopilot.InputError, match="give --vessel"):
+        autopilot.read_log(log)
+    (segment,) = autopilot.read_log(log, vessel=boat).segments
+    # recorded are 1300 to 1700 us, of the file's 1000 to 2000 for 30 degrees to either side
+    assert max(segment.rudder) == pytest.approx(math.radians(12.0), rel=0.05)
+    assert autopilot.identify(log, vessel=boat).model.gain > 0.0
+
+
+def test_a_table_is_read_by_names_of_its_own(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    rows = "".join(f"{step * 0.1:.1f},{step % 20},{step},4\n" for step in range(100))
+    log.write_text("t,helm,course,log\n" + rows)
+    columns = {"time_s": "t", "rudder_deg": "helm", "heading_deg": "course", "speed_kn": "log"}
+    assert autopilot.read_log(log, columns=columns).segments[0].speed[0] == pytest.approx(4.0 * 1852.0 / 3600.0)
+
+
+def nothing(now: float, tick: object) -> autopilot.Order:
+    return autopilot.Order()
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda boat: autopilot.heading_order(math.nan), "a number of degrees"),
+        (lambda boat: autopilot.pilot_for(boat, "magic"), "there are backstepping"),
+        (lambda boat: autopilot.run(boat, "udpin:127.0.0.1:0", nothing, 1.0), "write a list"),
+        (lambda boat: autopilot.run(boat, ["udpin:127.0.0.1:0"], nothing, -1.0), "above 0"),
+        (lambda boat: sitl.simulate(boat, nothing, math.nan), "above 0"),
+        (lambda boat: autopilot.design(boat, "5"), "level '5'"),
+    ],
+    ids=["heading", "law", "links", "duration", "seconds", "level"],
+)
+def test_a_value_that_cannot_be_used_is_refused(call: Callable[[autopilot.Vessel], object], said: str) -> None:
+    with pytest.raises(autopilot.InputError, match=said):
+        call(autopilot.load_vessel("lanxin"))
