@@ -198,10 +198,11 @@ def _add_fault_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
 
 def _run_fault(arguments: argparse.Namespace) -> int:
     """Pass one line to a served boat and print its answer."""
+    from autopilot.files.printable import aligned
     from sitl.faults import ask, kinds_table
 
     if arguments.kinds:
-        print(kinds_table())
+        print(*aligned(kinds_table()), sep="\n")
         return int(ExitCode.OK)
     said = patience_of(arguments)(lambda: ask(arguments.control, " ".join(arguments.words)))
     verdict, _, answer = said.partition(" ")

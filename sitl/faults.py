@@ -373,13 +373,13 @@ def _values(words: list[str]) -> dict[str, float]:
     return values
 
 
-def kinds_table() -> str:
-    """Return every fault with its size as a Markdown table."""
-    rows = ["| fault | what | default size | allowed |", "|---|---|---|---|"]
+def kinds_table() -> list[tuple[str, str, str, str]]:
+    """Return the table of every fault with its size, its head first."""
+    rows = [("fault", "what", "default size", "allowed")]
     for name, kind in KINDS.items():
         size, allowed = (f"{kind.size:g} {kind.unit}", f"{kind.low:g} to {kind.high:g}") if kind.unit else ("", "")
-        rows.append(f"| `{name}` | {kind.what} | {size} | {allowed} |")
-    return "\n".join(rows)
+        rows.append((name, kind.what, size, allowed))
+    return rows
 
 
 def ask(address: str, line: str, patience: float = ANSWER_S) -> str:

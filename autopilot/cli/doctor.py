@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from autopilot.errors import ExitCode, InputError
-from autopilot.files.printable import json_text
+from autopilot.files.printable import aligned, json_text
 
 if TYPE_CHECKING:
     from autopilot.doctor.machine import Finding
@@ -134,8 +134,8 @@ def summary(findings: list[Finding]) -> str:
 
 
 def _show(findings: list[Finding]) -> None:
-    width = max(len(finding.name) for finding in findings)
+    rows = [("", "", "")]
     for finding in findings:
-        print(f"{WORDS[finding.verdict]:6s} {finding.name:{width}s}  {finding.found}")
-        if finding.verdict and finding.cure:
-            print(f"{'':6s} {'':{width}s}  -> {finding.cure}")
+        rows.append((f"{WORDS[finding.verdict]:5}", finding.name, finding.found))
+        rows += [("", "", f"-> {finding.cure}")] * bool(finding.verdict and finding.cure)
+    print(*aligned(rows)[1:], sep="\n")

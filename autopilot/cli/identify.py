@@ -130,9 +130,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify, print, and write the vessel file; return the exit code."""
     if arguments.method == "list":
+        from autopilot.files.printable import aligned
         from autopilot.identification.registry import METHODS
 
-        print("\n".join(f"{method.name:19} {method.summary}" for method in METHODS))
+        rows = [("", ""), *((method.name, method.summary) for method in METHODS)]
+        print(*aligned(rows)[1:], sep="\n")
         return int(ExitCode.OK)
     if arguments.roll:
         from autopilot.cli.identify_drive_roll import identified_roll

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from autopilot.cli.options import named_vessel, number
 from autopilot.errors import ExitCode, InputError
+from autopilot.files.printable import print_file
 
 if TYPE_CHECKING:
     from autopilot.vessel.schema import Vessel
@@ -227,7 +228,7 @@ def run(arguments: argparse.Namespace) -> int:
     files = files_of(wanted)
     if arguments.dry_run:
         for path, text in files.items():
-            print(f"# /{path}\n{text}")
+            print_file(f"# /{path}\n{text}\n")
         return int(ExitCode.OK)
     copied = _put_vessel(arguments.vessel, vessel, _home(arguments.root, name) / "boat.yaml")
     for path, text in files.items():

@@ -114,29 +114,20 @@ def log_options(arguments: argparse.Namespace, vessel: Vessel | None) -> LogOpti
     """Return the options as the readers take them; `vessel`: of `--vessel`. Raises InputError."""
     from autopilot.logs.csv_log import load_column_map
     from autopilot.logs.reading import LogOptions, ReadOptions
-    from autopilot.logs.table import RudderSettings, Servo, ServoScale, servo_from_text
-    from autopilot.models.drives import PLAIN
-    from autopilot.runtime.build import gear_of, thrusters_of
+    from autopilot.logs.table import RudderSettings, servo_from_text
 
     variation = arguments.variation_deg
     full = arguments.rudder_at_full_deg
     if full is not None and not 1.0 <= abs(full) <= 90.0:
         raise InputError(f"--rudder-at-full-deg {full:g}: allowed is 1 to 90, negative where the servo is reversed")
-    if full is None and vessel is not None:
-        full = vessel.helm.rudder_at_full_pwm_deg or vessel.rudder.angle_max_deg
-        full = -full if vessel.helm.reversed else full
-    servo: Servo | ServoScale | None = None if arguments.servo is None else servo_from_text(arguments.servo)
-    if servo is None and vessel is not None and vessel.helm.servo_us is not None:
-        servo = ServoScale(*vessel.helm.servo_us)
     reading = ReadOptions(
         load_column_map(arguments.columns) if arguments.columns else None,
         arguments.system,
-        servo,
+        None if arguments.servo is None else servo_from_text(arguments.servo),
         None if variation is None else math.radians(variation),
-        PLAIN if vessel is None else thrusters_of(vessel),
     )
-    gear = None if vessel is None else gear_of(vessel)
-    return LogOptions(reading, RudderSettings(arguments.rudder, None if full is None else math.radians(full), gear))
+    options = LogOptions(reading, RudderSettings(arguments.rudder, None if full is None else math.radians(full)))
+    return options if vessel is None else options.of_vessel(vessel)
 
 
 ENDINGS = (".mcap", ".parquet", ".csv")
@@ -345,16 +336,17 @@ def as_json(info: LogInfo) -> str:
 def as_text(info: LogInfo) -> str:
     """Return the information as a table for people."""
     lines = [f"{escaped(info.source)}: {info.kind}, {fixed(info.duration, 1)} s{_date(info.began)}", ""]
-    heads = f"{'samples':>8s} {'Hz':>6s} {'from s':>8s} {'to s':>8s} {'gaps':>5s} {'longest s':>9s}  range"
-    lines.append(f"{'quantity':18s} {'source':38s} {heads}")
+    rows = [("quantity", "samples", "Hz", "from s", "to s", "gaps", "longest s", "range")]
     for series in info.series:
         name, factor = _unit_of(series.quantity)
-        lines.append(
-            f"{name:18s} {printable(series.source, 60):38s} {series.samples:8d} {fixed(series.rate_hz, 1):>6s} "
-            f"{fixed(series.begins, 1):>8s} {fixed(series.ends, 1):>8s} {series.gaps:5d} "
-            f"{fixed(series.longest_gap, 2):>9s}  "
-            f"{series.low * factor:.4g} to {series.high * factor:.4g}"
-        )
+        times = (fixed(series.rate_hz, 1), fixed(series.begins, 1), fixed(series.ends, 1))
+        gaps = (f"{series.gaps}", fixed(series.longest_gap, 2))
+        spread = f"{series.low * factor:.4g} to {series.high * factor:.4g}"
+        rows.append((name, f"{series.samples}", *times, *gaps, spread))
+    head, *numbers = aligned(rows, right=range(1, 7))
+    lines.append(head)
+    for line, series in zip(numbers, info.series, strict=True):
+        lines += [line, f"  from {printable(series.source, 60)}"]
     lines.append("")
     if info.missing:
         lines.append(f"Identification cannot use it: {printable(info.missing, SENTENCE)}")

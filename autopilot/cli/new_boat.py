@@ -443,6 +443,7 @@ def _go_on(arguments: argparse.Namespace, talk: Talk) -> int:
     if arguments.list:
         print("\n".join(checklist.lines()))
         return int(ExitCode.OK)
+    load_vessel(file)  # a mistake in it is said before anything else is asked
     checklist.links = links_of(arguments, checklist, talk)
     checklist.save()
     while (step := checklist.next) is not None:

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 from autopilot.errors import ExitCode, InputError, NotYetError
-from autopilot.files.printable import SENTENCE, brief, escaped, printable
+from autopilot.files.printable import SENTENCE, brief, escaped, print_file, printable
 
 TYPE_CHECKING = False  # see `autopilot`
 if TYPE_CHECKING:
@@ -289,7 +289,7 @@ class Parser(argparse.ArgumentParser):
             self._refuse(f"{typed!r} is no {what}{nearest(typed, known)}")
         sentence = message.replace("the following arguments are required", "missing")
         for each in self._actions:
-            if isinstance(each, argparse._SubParsersAction) and sentence == f"missing: {each.metavar}":
+            if not each.option_strings and each.choices and sentence == f"missing: {each.metavar or each.dest}":
                 sentence += f"; there are {', '.join(each.choices)}"
         self._refuse(sentence)
 
@@ -405,7 +405,7 @@ def print_completion(parser: argparse.ArgumentParser, shell: str) -> int:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
             elif words == "DIR":
                 action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]
-    print(shtab.complete(parser, shell))
+    print_file(f"{shtab.complete(parser, shell)}\n")
     return 0
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import sys
 import time
 from collections import Counter
@@ -21,7 +22,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from autopilot.cli.options import patience_of, signing_of
 from autopilot.cli.terminal import ProgressBar
 from autopilot.errors import ExitCode, InputError, RefusedError
-from autopilot.files.printable import SENTENCE, aligned, escaped, json_text, printable
+from autopilot.files.printable import SENTENCE, aligned, escaped, json_text, print_file, printable
 from autopilot.files.saving import refuse_existing, save_schema, save_text, save_unused
 from autopilot.firmware.download import Difference, Download, NamedDownload, differences, flattened
 from autopilot.firmware.file import (
@@ -52,6 +53,8 @@ from autopilot.vessel.file import doubted, dump_vessel
 from autopilot.vessel.schema import Vessel
 
 YAML_SUFFIXES = (".yaml", ".yml")
+NUMBERS = 24
+"""Characters, at most, of a cell that stands flush right: names and numbers."""
 
 
 def check(arguments: argparse.Namespace) -> int:
@@ -89,7 +92,7 @@ def show(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json_text(dataclasses.asdict(content)))
     elif isinstance(content, Vessel):
-        print(dump_vessel(content), end="")
+        print_file(dump_vessel(content))
     else:
         _show_firmware(content)
     return int(ExitCode.OK)
@@ -106,16 +109,15 @@ def _show_values(file: ParameterFile, as_json: bool) -> None:
 def _show_firmware(firmware: FirmwareFile) -> None:
     print(f"{firmware.firmware}, {firmware.frame}: {firmware.description}")
     print(f"names checked with {', '.join(firmware.checked_with) or 'no version'}")
-    group = None
-    for name, parameter, entry in entries(firmware):
-        if name != group:
-            group, doc = name, firmware.groups[name].doc
-            print(f"\n{name}{': ' + doc if doc else ''}")
-        notes = [entry.doc] if entry.doc else []
-        notes += [f"also named {', '.join(entry.also_named)}"] if entry.also_named else []
-        notes += ["needs a reboot"] if entry.reboot else []
-        value = f"{entry.value} {entry.unit}".rstrip()
-        print(f"  {parameter:<16}  {value:<10}  {'; '.join(notes)}".rstrip())
+    for name, parameters in itertools.groupby(entries(firmware), key=lambda each: each[0]):
+        doc = firmware.groups[name].doc
+        rows = [("", "", "")]
+        for _, parameter, entry in parameters:
+            notes = [entry.doc] if entry.doc else []
+            notes += [f"also named {', '.join(entry.also_named)}"] if entry.also_named else []
+            notes += ["needs a reboot"] if entry.reboot else []
+            rows.append((f"  {parameter:<16}", f"{f'{entry.value} {entry.unit}'.rstrip():<10}", "; ".join(notes)))
+        print(f"\n{name}{': ' + doc if doc else ''}", *aligned(rows)[1:], sep="\n")
 
 
 def convert(arguments: argparse.Namespace) -> int:
@@ -138,7 +140,7 @@ def schema(arguments: argparse.Namespace) -> int:
         save_schema(arguments.out, text)
         print(f"{arguments.out}: begin your file with '# yaml-language-server: $schema={arguments.out}'")
     else:
-        print(text, end="")
+        print_file(text)
     return int(ExitCode.OK)
 
 
@@ -231,8 +233,9 @@ def difference_table(found: Sequence[Difference], left: str, right: str) -> str:
 
 
 def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the rows with the first column flush left, the last as it is and the others flush right; a line each."""
-    return aligned([tuple(map(escaped, row)) for row in rows], right=range(1, len(rows[0]) - 1))
+    """Return the rows with the first and the last column flush left, those between flush right but for long texts."""
+    numbers = range(1, len(rows[0]) - 1) if all(len(cell) <= NUMBERS for row in rows for cell in row[1:-1]) else ()
+    return aligned([tuple(map(escaped, row)) for row in rows], right=numbers)
 
 
 def upload_json(outcomes: Sequence[Outcome], vehicle: Vehicle, report: Report) -> str:
@@ -293,18 +296,20 @@ def _vessel(file: str) -> Vessel | None:
 
 
 def _diff_with_link(arguments: argparse.Namespace) -> list[Difference]:
+    file = load_parameters(arguments.file, vessel_too=True)
     with opened_session(arguments, arguments.other) as session:
-        reading, left = _compared(session, arguments.file, calibration=True)
+        reading, left = _compared(session, arguments.file, file, calibration=True)
     if left:
         print(f"autopilot: not compared: {sentence_of(left)}", file=sys.stderr)
     outcomes = reading.outcomes()
     return differences({each.name: each.wanted for each in outcomes}, {each.name: each.old for each in outcomes})
 
 
-def _compared(session: ParameterSession, file: str, *, calibration: bool) -> tuple[Upload, list[LeftOut]]:
+def _compared(
+    session: ParameterSession, name: str, parameters: ParameterFile, *, calibration: bool
+) -> tuple[Upload, list[LeftOut]]:
     """Return an upload that has read and compared all settings and set nothing, and what was not compared."""
-    parameters = load_parameters(file, vessel_too=True)
-    refuse_other_firmware(file, parameters, session.vehicle)
+    refuse_other_firmware(name, parameters, session.vehicle)
     marks = own_marks(session)
     wanted, left = settings_of(parameters.wanted, session.vehicle.firmware, calibration=calibration, marks=marks)
     reading = Upload(session.vehicle.target, wanted)
@@ -342,8 +347,9 @@ def refuse_other_firmware(file: str, parameters: ParameterFile, vehicle: Vehicle
 
 def verify(arguments: argparse.Namespace) -> int:
     """Read every parameter of a file back and compare."""
+    file = load_parameters(arguments.file, vessel_too=True)
     with opened_session(arguments, arguments.link) as session:
-        reading, left = _compared(session, arguments.file, calibration=arguments.with_calibration)
+        reading, left = _compared(session, arguments.file, file, calibration=arguments.with_calibration)
         vehicle = session.vehicle
     outcomes = [
         each._replace(verdict=Verdict.DIFFERENT) if each.verdict is Verdict.WOULD_SET else each

@@ -220,8 +220,10 @@ def versions() -> Finding:
         said.append(f"{name} {version}")
         if _numbers(version) < _numbers(least):
             wrong.append(f"{name} {least} or newer is needed")
-    verdict = Verdict.NO_GO if wrong else Verdict.GO
-    return Finding("versions", verdict, ", ".join(said), f"{'; '.join(wrong)}: python -m pip install --upgrade norrbin")
+    if not wrong:
+        return Finding("versions", Verdict.GO, ", ".join(said))
+    cure = f"{'; '.join(wrong)}: python -m pip install --upgrade norrbin"
+    return Finding("versions", Verdict.NO_GO, ", ".join(said), cure)
 
 
 def disk(folder: Path) -> Finding:

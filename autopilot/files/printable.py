@@ -8,6 +8,7 @@ them. Beside it the two forms in which commands print what they found: a table, 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import os
 import re
@@ -30,6 +31,8 @@ WIDEST = 80
 """Columns of the terminal that everybody has."""
 NARROWEST = 40
 """Columns of a terminal on which lines are broken between words."""
+GROUP = 48
+"""Characters, at most, of words between two blanks that stay on one line, such as a key and what it does."""
 KEPT = "\n\t"
 """What our own lines and tables are made with."""
 
@@ -72,52 +75,83 @@ def fixed(value: float, places: int, sign: str = "") -> str:
 def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
     """Return the rows of a table, one each: columns flush left, those of `right` flush right.
 
-    Where they would be wider than a terminal, the names of the columns stand in several lines.
+    Where they would be wider than a terminal, the names of the columns stand in several lines; where that is not
+    enough, so do the cells that are flush left, the widest column first. No word is broken.
     """
-    head, *body = ([[cell] for cell in row] for row in rows)
-    if sum(max(map(len, column)) + 2 for column in zip(*rows, strict=True)) > WIDEST:
-        import textwrap  # few tables are that wide
-
-        longest = [max(map(len, column)) for column in zip(*(rows[1:] or rows), strict=True)]
-        head = [
-            textwrap.wrap(cell, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
-            for [cell], width in zip(head, longest, strict=True)
-        ]
-    deepest = max(map(len, head))
-    head = [[""] * (deepest - len(cell)) + cell for cell in head]
-    widths = [max(len(line) for cell in column for line in cell) for column in zip(head, *body, strict=True)]
-    lines = [
-        [
+    cells = [[[cell] for cell in row] for row in rows]
+    left = sorted(set(range(len(rows[0]))) - set(right))
+    if sum(_widths(cells)) + 2 * (len(rows[0]) - 1) > WIDEST:
+        for place, cell in enumerate(rows[0]):
+            least = max(map(len, cell.split()), default=0)
+            cells[0][place] = _lines(cell, max([least, *(len(row[place]) for row in rows[1:])]))
+    widths = _widths(cells)
+    longest = {
+        place: max(len(word) for row in cells for line in row[place] for word in ["", *line.split()]) for place in left
+    }
+    while sum(widths) + 2 * (len(widths) - 1) > WIDEST:
+        wide = [place for place in left if widths[place] > longest[place]]
+        if not wide:
+            break
+        widths[max(wide, key=lambda place: widths[place])] -= 1
+    for row in cells:
+        for place in left:
+            row[place] = [line for each in row[place] for line in _lines(each, widths[place])]
+    widths = _widths(cells)
+    text = []
+    for at, row in enumerate(cells):
+        deepest = max(map(len, row))
+        # a head stands above its numbers, a cell beside the beginning of the others
+        filled = [[""] * (deepest - len(cell)) + cell if at == 0 else cell for cell in row]
+        lines = [
             "  ".join(
                 line.rjust(width) if place in right else line.ljust(width)
                 for place, (line, width) in enumerate(zip(line_of_cells, widths, strict=True))
             ).rstrip()
-            for line_of_cells in zip(*row, strict=True)
+            for line_of_cells in itertools.zip_longest(*filled, fillvalue="")
         ]
-        for row in (head, *body)
-    ]
-    return ["\n".join(row) for row in lines]
+        text.append("\n".join(lines))
+    return text
+
+
+def _widths(cells: list[list[list[str]]]) -> list[int]:
+    return [max(len(line) for cell in column for line in cell) for column in zip(*cells, strict=True)]
+
+
+def _lines(cell: str, width: int) -> list[str]:
+    """Return the lines of a cell, none longer than its longest word or `width`."""
+    if len(cell) <= width:
+        return [cell]
+    import textwrap  # few tables are that wide
+
+    return textwrap.wrap(cell, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
 
 
 _LONG_WORD = re.compile(rf"\S{{{WORD + 1},}}")
 
 
-_NO_PROSE = re.compile(r"""\s*[{\["'$]| {13}|.*(\S {2}|\t|\b(autopilot|sitl|pip|sudo) .*--)""")
-"""Lines that are left as they are: JSON, tables, and commands that somebody may copy."""
+_NO_PROSE = re.compile(r"""\s*[{\["'$]| {13}|.*(\S {2}|\t)""")
+"""Lines that are left as they are: JSON and tables."""
+_TO_COPY = re.compile(r"\b(?:autopilot|sitl|pip|sudo) (?:(?![;,.:)](?: |$)).)*--(?:(?![;,.:)](?: |$)).)*")
+"""A command with options, to the end of its clause: whoever copies it wants it in one line."""
 
 
 def folded(text: str, width: int, hanging: int | None = None) -> str:
     """Return `text` with its prose broken between words at `width` characters, each line indented as it began; with
-    `hanging` every line is broken, and goes on behind so many blanks."""
+    `hanging` every line is broken, where it can be between groups parted by two blanks, and goes on behind so many."""
     lines = text.split("\n")
     for at, line in enumerate(lines):
         if len(line) > width and (hanging is not None or not _NO_PROSE.match(line)):
             import textwrap  # few lines are that long
 
             indent = " " * (len(line) - len(line.lstrip()) if hanging is None else hanging)
+            line = _TO_COPY.sub(lambda command: command[0].replace(" ", "\xa0"), line)
+            if hanging is not None:
+                line = "  ".join(
+                    each.replace(" ", "\xa0") if len(each) <= min(GROUP, width) else each for each in line.split("  ")
+                )
             lines[at] = textwrap.fill(
                 line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-            )
+            ).replace("\xa0", " ")
     return "\n".join(lines)
 
 
@@ -135,6 +169,13 @@ class PrintableStream:
         shown = escaped(text, KEPT)
         if len(shown) > NARROWEST and (width := self._columns()) >= NARROWEST:
             shown = folded(shown, width)
+        return self._put(text, shown)
+
+    def write_file(self, text: str) -> int:
+        """Write the `text` of a file: no line of it is broken, for whoever copies it."""
+        return self._put(text, escaped(text, KEPT))
+
+    def _put(self, text: str, shown: str) -> int:
         encoding = getattr(self.inside, "encoding", None) or "utf-8"
         if not shown.isascii():
             shown = shown.encode(encoding, "backslashreplace").decode(encoding)
@@ -155,6 +196,12 @@ class PrintableStream:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inside, name)
+
+
+def print_file(text: str) -> None:
+    """Print the text of a file as it is."""
+    out = sys.stdout
+    (out.write_file if isinstance(out, PrintableStream) else out.write)(text)
 
 
 @contextlib.contextmanager

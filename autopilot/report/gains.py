@@ -282,7 +282,7 @@ def as_text(rows: dict[str, Judged]) -> str:
     head, *lines = aligned(table, right=range(1, len(table[0])))
     said = [head]
     for line, each in zip(lines, rows.values(), strict=True):
-        gains = "  ".join(f"{key} {value:g}" for key, value in shown_gains_of(each.vessel, each.law).items())
+        gains = ", ".join(f"{key} {value:g}" for key, value in shown_gains_of(each.vessel, each.law).items())
         said += [line, *(f"    {sentence}" for sentence in (gains, *sentences(each)))]
     return "\n".join(said)
 
@@ -347,7 +347,14 @@ def front_as_json(front: Sequence[LevelCost]) -> list[dict[str, float | int]]:
 
 def margin_table(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
     """Return the margins about straight running, a line for each set of gains below the heads."""
-    heads = ("gain margin", "phase margin", "delay margin", "worst sensitivity", "crossover", "rate saturates from")
+    heads = (
+        "gain margin",
+        "phase margin",
+        "delay margin",
+        "worst sensitivity",
+        "crossover [rad/s]",
+        "rate saturates from",
+    )
     table: list[tuple[str, ...]] = [("gains", *heads)]
     for name, each in rows.items():
         found = each.verdict.margins
@@ -361,7 +368,7 @@ def margin_table(rows: Mapping[str, Judged]) -> list[tuple[str, ...]]:
                 f"{math.degrees(found.phase):.0f} deg",
                 f"{found.delay:.2f} s",
                 f"{found.sensitivity:.2f}",
-                f"{found.crossover:.3g} rad/s",
+                f"{found.crossover:.3g}",
                 f"{math.degrees(found.saturation):.2f} deg",
             )
         )
@@ -406,11 +413,8 @@ def _margins_in_words(found: OutputFeedbackMargins) -> str:
     if not found.stable:
         return "UNSTABLE"
     least = f"{found.gain_down:.2f}" if found.gain_down > 0.0 else "next to nothing"
-    most = f"{found.gain_up:.1f}" if math.isfinite(found.gain_up) else "any"
-    return (
-        f"delay margin {found.delay:.2f} s, worst sensitivity {found.sensitivity:.2f}, "
-        f"K from {least} to {most} times the model's"
-    )
+    most = f"{found.gain_up:.1f} times the model's" if math.isfinite(found.gain_up) else "any size"
+    return f"delay margin {found.delay:.2f} s, worst sensitivity {found.sensitivity:.2f}, K from {least} to {most}"
 
 
 RATIOS = (0.2, 0.5, 0.75, 1.0, 1.25, 1.5)
@@ -478,9 +482,11 @@ def speeds_as_text(rows: Mapping[str, Judged]) -> str:
     """Return a table of speeds for each set of gains of the law that the file steers with."""
     lines = []
     for name, each in chosen(rows).items():
-        rows_of_it = speed_table(each)
-        lines.append(f"{name}, by speed")
-        lines += aligned(rows_of_it, right=range(len(rows_of_it[0])))
+        table = speed_table(each)
+        gains = slice(3, 3 + len(table[0]) - len(HEAD) - 1)  # between K and T and the margins: a table of their own
+        margins = [row[: gains.start] + row[gains.stop :] for row in table]
+        lines += [f"{name}, by speed", *aligned(margins, right=range(len(HEAD)))]
+        lines += ["", *aligned([row[:1] + row[gains] for row in table], right=range(len(table[0])))]
     return "\n".join([*lines, UNSCHEDULED])
 
 

@@ -225,6 +225,14 @@ def _row(candidate: Candidate, chosen_one: str, least: float) -> tuple[str, ...]
     return candidate.name, str(candidate.parameters), score, f"{candidate.bic - least:.1f}", mark
 
 
+def _choice(choice: Choice) -> list[str]:
+    """Return the table of candidates, and below it why some are out of the question."""
+    head, *rows = choice_rows(choice)
+    marked = [(*row[:-1], row[-1] if each.found else "") for row, each in zip(rows, choice.candidates, strict=True)]
+    reasons = [f"- {each.name}: {each.reason}" for each in choice.candidates if each.found is None]
+    return ["\n".join(aligned([head, *marked])), *(["\n".join(reasons)] if reasons else []), choice_sentence(choice)]
+
+
 def choice_sentence(choice: Choice) -> str:
     """Return how the candidates were compared, and what was chosen."""
     if choice.folds < 2:
@@ -337,13 +345,15 @@ def _stages(result: Result) -> dict[str, float | None]:
 def as_text(result: Result) -> str:
     """Return the result as tables and sentences."""
     found, model, verdict = result.found, result.found.model, verdict_on(result).sentence
-    stages = _stages(result)
-    rows = [("", "estimate", "standard error", "95 % interval", "unit", "in degrees", "two-stage (RLS)")]
+    rows = [("", "estimate", "standard error", "95 % interval", "unit")]
+    beside: dict[str, list[str]] = {"In degrees": [], "By two stages (RLS)": []}
     for quantity, value in known_quantities(found):
         std = found.standard_errors[quantity.name]
-        in_degrees = None if value is None or quantity.factor == 1.0 else value / quantity.factor
-        degrees = "" if in_degrees is None else f"{in_degrees:.5g} {quantity.unit_deg}"
-        staged = stages.get(quantity.symbol)
+        if value is not None and quantity.factor != 1.0:
+            in_degrees = f"{quantity.symbol} {value / quantity.factor:.5g} {quantity.unit_deg}"
+            beside["In degrees"].append(in_degrees)
+        if (staged := _stages(result).get(quantity.symbol)) is not None:
+            beside["By two stages (RLS)"].append(f"{quantity.symbol} {staged:.5g} {quantity.unit}")
         rows.append(
             (
                 quantity.symbol,
@@ -351,16 +361,16 @@ def as_text(result: Result) -> str:
                 spread(quantity, std),
                 interval_text(quantity, value, std),
                 quantity.unit,
-                degrees,
-                "" if staged is None else f"{staged:.5g}",
             )
         )
-    choice = ["\n".join(aligned(choice_rows(result.choice))), choice_sentence(result.choice)] if result.choice else []
+    others = "\n".join(f"{how}: {', '.join(values)}" for how, values in beside.items() if values)
+    choice = _choice(result.choice) if result.choice else []
     parts = [
         verdict[0].upper() + verdict[1:],
         *choice,
         f"Norrbin's model at {model.reference_speed:.4g} m/s ({model.reference_speed * 3600.0 / 1852.0:.3g} kn)",
         "\n".join(aligned(rows)),
+        *([others] if others else []),
         *(["\n".join(aligned(_ratio_rows(found)))] if found.ratios is not None and found.ratios.on_ridge else []),
         "Open-loop prediction from rudder and speed alone" + (", propeller and wind" if _felt(found) else ""),
         "\n".join(aligned(run_rows(result))),

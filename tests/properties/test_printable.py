@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import math
 import os
+import subprocess
 import sys
 import termios
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from boat_recordings import dataflash, zigzag_boat
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,12 +23,14 @@ from autopilot.cli.log import measures_as_text as measures_text
 from autopilot.cli.main import main
 from autopilot.cli.params_reading import difference_table
 from autopilot.cli.steering import StatusLine
-from autopilot.files.printable import PrintableStream, fixed, folded, printable, rewrite_line
+from autopilot.doctor import machine
+from autopilot.files.printable import PrintableStream, aligned, fixed, folded, printable, rewrite_line
 from autopilot.firmware.download import Difference
 from autopilot.identification.trial_measures import Circle, Measures, PullOut, Spiral, Zigzag
 from autopilot.logs.reading import LogInfo, SeriesInfo
 from autopilot.signals import AlarmEvent, Mode, NavState, Order, Reference, RudderCommand, Tick
 from autopilot.supervision.alarms import OVERRIDDEN
+from autopilot.vessel.file import dump_vessel, load_vessel
 
 HOSTILE = "\x1b[31m\x1b]0;owned\x07\x9b2J\u202egnp.exe\u2066\x00\r\n\x08\ud800\ufeff"
 any_text = st.text(st.characters(exclude_categories=()), max_size=300)
@@ -75,6 +81,88 @@ def test_on_a_terminal_words_stay_whole_and_all_are_there(words: list[str], widt
 def test_tables_json_and_commands_to_copy_are_not_broken(line: str) -> None:
     assert folded(line, 20) == line
     assert folded("prose: --level chooses among nine", 20) == "prose: --level\nchooses among nine"
+
+
+def test_a_command_to_copy_stays_whole_and_the_words_before_it_are_broken() -> None:
+    said = "it should move less: see autopilot gains boat.yaml --level 3; then run it again"
+    assert folded(said, 40).splitlines() == [
+        "it should move less: see",
+        "autopilot gains boat.yaml --level 3;",
+        "then run it again",
+    ]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["install-service", "BOAT", "--link", f"serial:/dev/{'x' * 30}:115200", "--adapter", "abc=FT6A2B", "--dry-run"],
+        ["params", "show", "BOAT"],
+        ["params", "schema", "vessel"],
+    ],
+    ids=lambda command: command[0] + command[1],
+)
+def test_a_file_is_printed_on_a_terminal_as_it_would_be_written(command: list[str], tmp_path: Path) -> None:
+    boat = tmp_path / "boat.yaml"
+    boat.write_text(dump_vessel(replace(load_vessel("lanxin"), description="one word and another, " * 10)))
+    words = [str(boat) if word == "BOAT" else word for word in command]
+    master, slave = os.openpty()
+    attributes = termios.tcgetattr(slave)
+    attributes[1] &= ~termios.OPOST
+    termios.tcsetattr(slave, termios.TCSANOW, attributes)
+    termios.tcsetwinsize(slave, (24, 80))
+    call = [sys.executable, "-m", "autopilot", *words]
+    whole = subprocess.run(call, capture_output=True, check=True).stdout
+    with subprocess.Popen(call, stdout=slave) as program:
+        os.close(slave)
+        shown = b""
+        with contextlib.suppress(OSError):  # the end of a terminal
+            while piece := os.read(master, 65536):
+                shown += piece
+    os.close(master)
+    assert program.returncode == 0
+    assert max(map(len, whole.splitlines())) > 80
+    assert shown == whole
+
+
+def test_a_key_and_what_it_does_stay_on_one_line() -> None:
+    keys = ["e [DEG]: engage (present heading)", "r DEG: hold a rudder angle", "s: standby", "q: quit"]
+    for width in (40, 60, 79):
+        lines = folded("  ".join(keys), width, 0).splitlines()
+        assert [key for line in lines for key in line.split("  ")] == keys
+        assert max(map(len, lines)) <= width
+
+
+WORDS = st.lists(st.text("abc.:-", min_size=1, max_size=9), min_size=1, max_size=12).map(" ".join)
+
+
+@given(st.lists(st.tuples(WORDS, st.integers(0, 10**9).map(str), WORDS), min_size=1, max_size=6))
+def test_a_table_fits_eighty_columns_and_holds_every_word_once(rows: list[tuple[str, str, str]]) -> None:
+    lines = "\n".join(aligned(rows, right=(1,))).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sorted(" ".join(lines).split()) == sorted(" ".join(" ".join(row) for row in rows).split())
+
+
+def test_what_people_read_at_the_dock_fits_eighty_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a terminal shows it: prose is folded there."""
+    monkeypatch.chdir(tmp_path)
+    log = Path("trial.BIN")
+    log.write_bytes(dataflash(zigzag_boat(seconds=40.0)))
+    monkeypatch.setattr(machine, "wake_up", lambda rate: None)
+    for command in (
+        ["log", "info", str(log)],
+        ["identify", str(log), "--vessel", "lanxin"],
+        ["identify", str(log), "--vessel", "lanxin", "--model", "auto"],
+        ["identify", "--method", "list"],
+        ["params", "show", "ardurover-boat"],
+        ["params", "show", "px4-rover-boat"],
+        ["gains", "naval_vessel"],
+        ["doctor"],
+    ):
+        main(command)
+        wide = [line for line in folded(capsys.readouterr().out, 80).splitlines() if len(line) > 80]
+        assert wide == [], command
 
 
 def test_of_several_lines_none_leaves_what_stood_there(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,6 +17,7 @@ from two_processes import free_port
 
 from autopilot.angles import wrap
 from autopilot.errors import InputError
+from autopilot.files.printable import aligned
 from autopilot.files.strict_yaml import parse_document
 from autopilot.links.base import LinkError
 from autopilot.links.mavlink.codec import MavlinkCodec
@@ -74,7 +75,11 @@ def test_the_table_and_the_names_agree_and_the_docs_show_it() -> None:
     assert set(get_args(FaultKind)) == set(KINDS)
     assert all(kind.low <= kind.size <= kind.high for kind in KINDS.values())
     docs = Path(__file__).parents[2] / "docs" / "faults.md"
-    assert kinds_table() in docs.read_text(encoding="utf-8")
+    head, *rows = kinds_table()
+    lines = [head, ("---",) * 4, *((f"`{name}`", *rest) for name, *rest in rows)]
+    table = "\n".join(f"| {' | '.join(row)} |" for row in lines).replace("| ---", "|---").replace("--- |", "---|")
+    assert table in docs.read_text(encoding="utf-8")
+    assert max(map(len, "\n".join(aligned([head, *rows])).splitlines())) <= 80
 
 
 def test_nothing_changes_before_and_after_a_fault_of_a_sensor() -> None:
