@@ -224,7 +224,7 @@ def check_faults(root: Node, key: str, faults: Sequence[FaultSection]) -> None:
 
 def scenario_from(root: Node) -> Scenario:
     """Return the scenario that a document holds, checked across its fields. Raises InputError."""
-    check_version(root, SCHEMA_VERSION)
+    check_version(root, SCHEMA_VERSION, "scenario")
     scenario = typed.read(root, Scenario)
     check_faults(root, "faults", scenario.faults)
     for index, (one, other) in enumerate(itertools.pairwise(scenario.route)):

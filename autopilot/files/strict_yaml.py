@@ -274,12 +274,12 @@ def _shortened(text: str) -> str:
     return text if len(text) <= 40 else text[:37] + "..."
 
 
-def check_version(root: Node, known: int) -> None:
-    """Raise InputError where a document is of another schema version than `known`; one that says none, or no whole
-    number, is left to the schema, whose own sentence is the right one."""
+def check_version(root: Node, known: int, kind: str) -> None:
+    """Raise InputError where a document is of another schema version than `known`, that of a `kind` of file; one that
+    says none, or no whole number, is left to the schema, whose own sentence is the right one."""
     version = root.at("schema_version")
     if version is root or not isinstance(version.value, int) or isinstance(version.value, bool):
         return
     if version.value != known:
-        advice = "update Norrbin to read this file" if version.value > known else f"write {known}"
-        raise version.fault(f"schema_version is {version.value}, this version of Norrbin reads {known}; {advice}.")
+        advice = f"update Norrbin, or give a {kind}" if version.value > known else f"write {known}"
+        raise version.fault(f"schema_version is {version.value}, a {kind} of this Norrbin has {known}; {advice}.")

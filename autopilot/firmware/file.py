@@ -132,7 +132,7 @@ def shipped_firmware() -> list[str]:
 
 def firmware_from(root: Node, included_by: tuple[str, ...] = ()) -> FirmwareFile:
     """Return the firmware file that a document holds, with what it includes, all checked. Raises InputError."""
-    check_version(root, SCHEMA_VERSION)
+    check_version(root, SCHEMA_VERSION, "firmware file")
     firmware = typed.read(root, FirmwareFile)
     _check_names(root, firmware)
     _check_whole(root, firmware)

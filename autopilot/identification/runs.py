@@ -418,9 +418,16 @@ def run_from_columns(source: str, columns: Mapping[str, FloatArray]) -> Run:
     ]
     useful = tuple(segment for segment in segments if _measured(segment) >= SHORTEST_SEGMENT_SAMPLES)
     if not useful:
+        empty = [name for name in ("rudder_rad", "speed_m_s") if not np.isfinite(columns[name]).any()]
+        if time.size < SHORTEST_SEGMENT_SAMPLES:
+            cure = f"it has {time.size} samples in all: record a zigzag of some minutes."
+        elif empty:
+            cure = f"no sample of {' and '.join(empty)} is a number."
+        else:
+            cure = "check that the columns overlap in time."
         raise InputError(
             f"{source}: no stretch of {SHORTEST_SEGMENT_SAMPLES} samples has rudder, speed and heading or yaw rate "
-            "together; check that the columns overlap in time."
+            f"together; {cure}"
         )
     return Run(source, useful, notes)
 

@@ -232,7 +232,7 @@ class _Table:
             raise InputError(f"{path}: cannot be read: {error.strerror}; check the name and the rights.") from error
         except UnicodeDecodeError as error:
             raise InputError(
-                f"{path}: is not a text file in UTF-8 (byte {place + error.start}); a CSV table or a .tlog is needed."
+                f"{path}: is not a text file in UTF-8 (byte {place + error.start}); save a table as CSV in UTF-8."
             ) from error
 
     def _opening(self) -> tuple[str, list[str], str]:

@@ -251,12 +251,19 @@ def read_logs(*paths: Path, progress: Progress = _silent) -> list[Log]:
     InputError where there is none.
     """
     logs: list[Log] = []
+    unread = 0
     for path in paths:
         for record in _records(path, progress):
+            unread += not logs and record[0] in TICKS
             try:
                 _take(logs, record)
             except InputError as error:
                 raise InputError(f"{path}: {error}") from error
+    if not logs and unread:
+        raise InputError(
+            f"{paths[0]}: its beginning, which holds the vessel file, is lost or damaged, and its {unread} ticks "
+            "cannot be read without; give another log"
+        )
     if not logs:
         raise InputError(f"{paths[0]}: holds no Norrbin ticks; give a log that `autopilot run --log` wrote")
     return logs

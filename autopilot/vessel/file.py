@@ -85,7 +85,7 @@ def shipped_vessels() -> list[str]:
 
 def vessel_from(root: Node) -> Vessel:
     """Return the vessel that a document holds, checked across its fields. Raises InputError."""
-    check_version(root, SCHEMA_VERSION)
+    check_version(root, SCHEMA_VERSION, "vessel file")
     vessel = typed.read(root, Vessel)
     faults = [root.at(*path.split(".")).fault(sentence) for path, sentence in problems(vessel)]
     if faults:

@@ -113,7 +113,7 @@ def load_study(path_or_name: str) -> tuple[Study, str]:
 
 def study_from(root: Node) -> Study:
     """Return the study that a document holds, checked across its fields. Raises InputError."""
-    check_version(root, SCHEMA_VERSION)
+    check_version(root, SCHEMA_VERSION, "study")
     study = typed.read(root, Study)
     for key in LISTS:
         if not getattr(study, key):

@@ -87,7 +87,9 @@ def warm(job: Job, is_compiled: bool) -> None:
         if quick is not None and not is_kept(quick):
             announce(law)
             boat = dump_vessel(vessel_of(own, case_and_seed(own, 0)[0]))
-            subprocess.run([sys.executable, "-m", __name__, law], input=boat, text=True, check=False)
+            compiler = [sys.executable, "-m", __name__, law]
+            # in a group of its own Ctrl-C ends it through us, without a word
+            subprocess.run(compiler, input=boat, text=True, check=False, process_group=0)
         load(own)
 
 

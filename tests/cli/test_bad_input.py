@@ -83,10 +83,42 @@ def test_a_path_that_cannot_be_looked_at_is_one_sentence(
         os.seteuid(owner)
 
 
+def test_a_shipped_file_of_another_kind_is_named_so(capsys: pytest.CaptureFixture[str]) -> None:
+    said = complaint(capsys, "gains", "ardurover-boat")
+    assert "a shipped file of another kind (firmware)" in said and "lanxin" in said
+
+
+def test_a_vessel_file_in_place_of_a_scenario_is_named_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "boat.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")))
+    assert sitl_main(["serve", "lanxin", "--scenario", str(file), "--duration", "1"]) == 2
+    assert "update Norrbin, or give a scenario" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["verify", "FILE", "--link"], ["diff", "FILE"]], ids=" ".join)
+def test_a_file_with_a_mistake_costs_no_wait_for_a_vehicle(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "boat.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")).replace("angle_max_deg", "angle_mx_deg"))
+    words = [word.replace("FILE", str(file)) for word in command]
+    # nothing sends there: a link that is opened ends with exit code 3
+    assert "did you mean angle_max_deg?" in complaint(capsys, "params", *words, "udpin:127.0.0.1:0")
+
+
+def test_a_mistake_in_a_new_boat_s_file_is_named_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "boat.yaml"
+    file.write_text(dump_vessel(load_vessel("lanxin")).replace("angle_max_deg", "angle_mx_deg"))
+    assert main(["new-boat", str(file)]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and "did you mean angle_max_deg?" in err
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
         ([], "COMMAND"),
+        (["completion"], "bash, zsh, fish"),
         (["sail"], "'sail'"),
         (["run", "lanxin"], "--link"),
         (["run", "lanxin", "--link", "udpin:127.0.0.1:0", "--law", "magic"], "'magic'"),

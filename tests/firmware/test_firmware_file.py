@@ -47,7 +47,11 @@ groups:
         ("FRAME_CLASS: 2", "FRAME_CLASS: .nan", "FRAME_CLASS is nan, needed is"),
         ("value: 255", "valu: 255", "valu is not a known key; did you mean value?"),
         ("ardurover", "arducopter", "firmware is the text 'arducopter', allowed are ardurover, px4"),
-        ("schema_version: 2", "schema_version: 9", "schema_version is 9, this version of Norrbin reads 2; update"),
+        (
+            "schema_version: 2",
+            "schema_version: 9",
+            "schema_version is 9, a firmware file of this Norrbin has 2; update Norrbin, or",
+        ),
     ],
 )
 def test_each_mistake_is_one_sentence(old: str, new: str, sentence: str) -> None:

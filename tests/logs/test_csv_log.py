@@ -374,6 +374,14 @@ def test_inputs_are_bridged_over_short_blanks_only() -> None:
     assert np.isfinite(first.rudder).all()
 
 
+def test_a_table_too_short_or_without_a_rudder_says_so() -> None:
+    table = zigzag(0.2, 20.0, 0.1)
+    with pytest.raises(InputError, match=r"it has 3 samples in all: record"):
+        run_from_columns("short", {name: values[:3] for name, values in table.items()})
+    with pytest.raises(InputError, match=r"no sample of rudder_rad is a number"):
+        run_from_columns("empty", {**table, "rudder_rad": np.full(table["time_s"].size, np.nan)})
+
+
 def test_columns_that_never_overlap_are_refused() -> None:
     table = {k: v.copy() for k, v in zigzag(0.2, 20.0, 0.1).items()}
     table["rudder_rad"][:100] = np.nan

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from boat_recordings import dataflash, tlog, tlog_events, zigzag_boat
+from lockstep import Lockstep
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.errors import InputError
@@ -18,6 +19,7 @@ from autopilot.logs.reading import read_recording
 from autopilot.logs.tlog import read_tlog
 from autopilot.logs.ulog import read_ulog
 from autopilot.runtime.record import read_log
+from autopilot.vessel.file import load_vessel
 
 BOAT = zigzag_boat()
 
@@ -42,6 +44,17 @@ def test_an_own_log_whose_record_holds_another_message(tmp_path: Path) -> None:
     path = tmp_path / "own.tlog"
     path.write_bytes(wrapped(dialect.MAVLINK_MSG_ID_TUNNEL, value) + wrapped(dialect.MAVLINK_MSG_ID_TUNNEL, short))
     with pytest.raises(InputError, match="holds no Norrbin ticks"):
+        read_log(path)
+
+
+def test_an_own_log_whose_beginning_is_lost(tmp_path: Path) -> None:
+    path = tmp_path / "own.tlog"
+    steps = Lockstep(load_vessel("lanxin"), log=path)
+    steps.run(2.0)
+    steps.session.close()
+    whole = path.read_bytes()
+    path.write_bytes(whole[:1000] + bytes(100) + whole[1100:])
+    with pytest.raises(InputError, match=r"its beginning, which holds the vessel file, is lost or damaged"):
         read_log(path)
 
 

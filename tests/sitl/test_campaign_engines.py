@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
+import time
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,6 +27,25 @@ pytestmark = [
     # the library leaves sockets and loops to the garbage collector
     pytest.mark.filterwarnings("ignore"),
 ]
+
+
+def test_ctrl_c_while_a_campaign_compiles_leaves_no_trace(tmp_path: Path) -> None:
+    pytest.importorskip("numba", reason="the extra `fast` is not installed")
+    words = [sys.executable, "-m", "sitl", "campaign", "front", "--runs", "1", "--out", str(tmp_path / "a.csv")]
+    with subprocess.Popen(
+        words,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as sailed:
+        assert sailed.stderr is not None
+        assert sailed.stderr.readline().startswith("compiling")
+        # both processes are in one group of the terminal; the compiler has its libraries by then, or not yet
+        time.sleep(2.0)
+        os.killpg(sailed.pid, signal.SIGINT)
+        assert "Traceback" not in sailed.stderr.read()
+        assert sailed.wait() == 130
 
 
 @pytest.fixture(params=LIBRARY)

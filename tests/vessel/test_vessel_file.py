@@ -82,7 +82,11 @@ def test_a_small_file_is_filled_with_defaults() -> None:
         ("0.7", "true", "model.K_1_s is true, needed is a finite number"),
         ("0.7", "", "model.K_1_s is null or empty, needed is a finite number"),
         ("0.7", "[1]", "model.K_1_s is a list, needed is a finite number"),
-        ("schema_version: 2", "schema_version: 3", "schema_version is 3, this version of Norrbin reads 2; update"),
+        (
+            "schema_version: 2",
+            "schema_version: 3",
+            "schema_version is 3, a vessel file of this Norrbin has 2; update Norrbin, or",
+        ),
         ("schema_version: 2", "schema_version: 1.0", "schema_version is 1, needed is a whole number."),
         ("schema_version: 2\n", "", "the key schema_version is missing"),
         ("name: Boat", "name: 12", "name is 12, needed is text."),
