@@ -23,8 +23,8 @@ from off_course import SIDES_DEG, STATE_5
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
 from autopilot.estimation.fusion import Measured
-from autopilot.supervision.response_filter import counts_as_course
-from autopilot.supervision.rudder_response import by_blocks, by_headings, enough, verdict
+from autopilot.supervision.rudder_response import by_blocks, by_headings
+from autopilot.supervision.rudder_watch import verdict_at
 from sitl.boat import boat_step
 from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, readings
 from sitl.campaign.compiled_tick import Measurement, initial_state, tick
@@ -86,9 +86,8 @@ def watched_run(setting: Setting, workspace: Workspace, fault: int, begins: floa
             target = courses[min(int(now / HELD_S), len(courses) - 1)]
             pilot_state = tick(setting.campaign, pilot_state, workspace.rudder, now, measurement, target)
             command = pilot_state.command
-            answer, response = pilot_state.answer, pilot_state.answer.response
-            as_course = counts_as_course(answer.seaway, now, now >= pilot_state.guide.turning_until)
-            found = verdict(response, enough(answer.carried, as_course))
+            response = pilot_state.answer.response
+            found = verdict_at(pilot_state.answer, now, now >= pilot_state.guide.turning_until)
             if now < begins:
                 (stuck, wrong), (stuck_too, wrong_too) = by_headings(response), by_blocks(response)
                 most = max(most, stuck + stuck_too, wrong + wrong_too)

@@ -18,10 +18,12 @@ that may have begun with the evidence is one more explanation: where it is likel
 A sea other than the one that is estimated accuses a healthy rudder, as the rudder follows it. So the same is weighed in
 the sea as it was learnt, too (`response_spectrum`): a verdict takes both together, and something of each. In a turn it
 takes less: there the order moves the rudder, and not the sea. But until the sea is known what keeps a boat from turning
-may be a sea that is larger than supposed, and a turn is judged as a course is (`counts_as_course`).
+may be a sea that is larger than supposed, and a turn is judged as a course is (`counts_as_course`). What a turn tells
+from its beginning on, which needs no sea that is known so well, is a verdict of its own (`since_turning`).
 
 Sources: Willsky and Jones 1976, the generalised likelihood ratio of an additive change, here of a change in a; Page
-1954, the cumulative sum. Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
+1954, the cumulative sum; Wald 1945, the sequential test; Ville 1939, how seldom it is wrong. Scalar functions over
+NamedTuples, compiled by `sitl.compiled` as they are. Pure.
 """
 
 from __future__ import annotations
@@ -50,7 +52,14 @@ from autopilot.supervision.response_filter import (
     transition_of,
     unlike,
 )
-from autopilot.supervision.response_spectrum import OUTLIER_SQUARE, Blocks, blocks_step, first_blocks, no_more_blocks
+from autopilot.supervision.response_spectrum import (
+    OUTLIER_SQUARE,
+    Blocks,
+    blocks_step,
+    emptied,
+    first_blocks,
+    no_more_blocks,
+)
 from autopilot.supervision.tuning import (
     ANSWERS_MOST,
     COLOUR_KNOWN,
@@ -76,6 +85,7 @@ from autopilot.supervision.tuning import (
     REVERSED_SHARE,
     SURE,
     SURE_OTHER,
+    SURE_SINCE,
     SURE_TURNING,
     SUSPECT,
     UNEXPLAINED,
@@ -127,6 +137,11 @@ likelier yet."""
 NO_GUST: Gust = (NOTHING, 0.0, 0.0, math.inf, 0.0, 0.0, 0.0)
 
 
+Three = tuple[float, float, float]
+"""How much likelier it is that a rudder is stuck than that the boat answers to it, in time, late, and to a slow one."""
+NOTHING_ADDED: Three = (0.0, 0.0, 0.0)
+
+
 class ResponseState(NamedTuple):
     """time [s] of the newest heading, nan: nothing is known yet; covariance and means; slid: how much the boat slides;
     how much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it
@@ -134,7 +149,7 @@ class ResponseState(NamedTuple):
     and shown: the share of the model's answer that the boat has had so far is the former over the latter; others:
     the boat or its rudder may not be the file's; usual_colour: the colour of what is left over as long as nothing
     was suspect; since: innovation times answer, and the answer's square, over the variance, summed since a fault may
-    have begun; gust: what may have set in then in its place."""
+    have begun; gust: what may have set in then in its place; added: what the newest heading adds to `since_turning`."""
 
     time: float
     covariance: Covariance
@@ -153,6 +168,7 @@ class ResponseState(NamedTuple):
     blocks: Blocks
     since: tuple[float, float]
     gust: Gust
+    added: Three
 
 
 def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
@@ -176,6 +192,7 @@ def first_response(noise: Noise, time: float, heading: float) -> ResponseState:
         blocks=first_blocks(noise, heading),
         since=(0.0, 0.0),
         gust=NO_GUST,
+        added=NOTHING_ADDED,
     )
 
 
@@ -186,9 +203,14 @@ def grown(evidence: float, squares: float, variance: float, most: float) -> floa
     """Return the `evidence` with what a heading adds, of which one answer leaves a square that is so much larger
     [rad^2] than what another leaves: how much likelier the other one is, half the difference of the `squares` over the
     variance, within MOST_AT_ONCE less and `most` more."""
-    more = 0.5 * squares / variance
-    evidence += most if more > most else more if more > -MOST_AT_ONCE else -MOST_AT_ONCE
+    evidence += more_of(squares, variance, most)
     return evidence if evidence > 0.0 else 0.0
+
+
+def more_of(squares: float, variance: float, most: float) -> float:
+    """Return what a heading adds, see `grown`."""
+    more = 0.5 * squares / variance
+    return most if more > most else more if more > -MOST_AT_ONCE else -MOST_AT_ONCE
 
 
 Four = tuple[float, float, float, float]
@@ -220,7 +242,7 @@ def response_step(
     the one before; the boat turns at about `rate` [rad/s]."""
     (
         last, known, means, slid, stuck, stuck_late, wrong, wrong_late, unexplained, outliers,
-        usual, shown, others, usual_colour, blocks, since, gust,
+        usual, shown, others, usual_colour, blocks, since, gust, _,
     ) = before  # fmt: skip
     (time, heading), (rudder, rudder_late, rudder_slow, braked, weaker) = newest, rudders
     dt = time - last
@@ -267,6 +289,12 @@ def response_step(
         doubtful,
         most,
     )
+    by_slow = off - slow[0]
+    added = (
+        more_of(square_some - square_none, doubtful, most),
+        more_of(square_some_late - square_none, doubtful, most),
+        more_of(by_slow * by_slow - square_none, doubtful, most),
+    )
     both, squares = since
     may_have_begun = stuck >= LITTLE or turned >= LITTLE
     since = (both + off * s / variance, squares + s * s / variance) if may_have_begun else (0.0, 0.0)
@@ -297,6 +325,7 @@ def response_step(
         blocks,
         since,
         gust,
+        added,
     )
 
 
@@ -380,6 +409,7 @@ def _without_heading(
         blocks,
         before.since,
         gust,
+        NOTHING_ADDED,
     )
 
 
@@ -489,7 +519,29 @@ def without_evidence(before: ResponseState, after: ResponseState) -> ResponseSta
         no_more_blocks(before.blocks, after.blocks),
         before.since,
         after.gust,
+        (min(after.added[0], 0.0), min(after.added[1], 0.0), min(after.added[2], 0.0)),
     )
+
+
+def taken_over(response: ResponseState) -> ResponseState:
+    """Return how a boat turns at the newest heading that others have steered until then, and what pushes it and the
+    sea, as if nothing were known of its rudder."""
+    blocks, share = response.blocks, response.usual / response.shown
+    fresh = first_blocks(Noise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
+    return NO_RESPONSE._replace(
+        time=response.time,
+        covariance=response.covariance,
+        means=_by_itself(response.means, share),
+        blocks=fresh._replace(
+            covariance=blocks.covariance, means=_by_itself(blocks.means, share), spectrum=emptied(blocks.spectrum)
+        ),
+    )
+
+
+def _by_itself(means: Means, share: float) -> Means:
+    (psi, r, p, w), (psi_1, r_1, p_1, w_1), _, _, _ = means
+    own = psi + share * psi_1, r + share * r_1, p + share * p_1, w + share * w_1
+    return own, NOTHING, NOTHING, NOTHING, NOTHING
 
 
 Evident = TypeVar("Evident", ResponseState, Blocks)
@@ -525,6 +577,15 @@ def verdict(response: ResponseState, sure: tuple[float, float, float]) -> int:
     is_wrong = wrong >= headings and wrong_too >= blocks and wrong + wrong_too >= together
     if not is_wrong and not (stuck >= headings and stuck_too >= blocks and stuck + stuck_too >= together):
         return 0
+    return _which(response)
+
+
+def turned_verdict(response: ResponseState, added: Three) -> int:
+    """Return the same by what a turn has `added` up since its beginning."""
+    return _which(response) if added[0] >= SURE_SINCE and added[1] >= SURE_SINCE and added[2] >= SURE_SINCE else 0
+
+
+def _which(response: ResponseState) -> int:
     both, squares = response.since
     return -1 if both < -0.5 * squares else 1
 
@@ -565,6 +626,21 @@ def carried_on(before: float, response: ResponseState, holds_course: bool, dt: f
     stuck, wrong = stuck + stuck_too, wrong + wrong_too
     share = (stuck if stuck > wrong else wrong) / SURE[0]
     return share if share < 1.0 else 1.0
+
+
+def since_turning(before: Three, response: ResponseState, turns: bool) -> Three:
+    """Return how much likelier it is, after another heading, that the rudder has been stuck ever since a turn began;
+    nothing on a course.
+
+    A fault may begin at any time, and what is known of it is begun anew whenever the boat answers. Of a fault that was
+    there before the turn all headings tell, and a boat that has answered to its beginning is none of those, whatever
+    the sea does then: such evidence of one that works ever reaches a with a probability of exp(-a) at most (Wald 1945,
+    Ville 1939), and not once in so many headings.
+    """
+    if not turns:
+        return NOTHING_ADDED
+    (stuck, late, slow), (more, more_late, more_slow) = before, response.added
+    return stuck + more, late + more_late, slow + more_slow
 
 
 def is_doubtful(response: ResponseState) -> bool:

@@ -46,9 +46,11 @@ from autopilot.supervision.rudder_response import (
     FILED,
     LIVELIER,
     NO_RESPONSE,
+    NOTHING_ADDED,
     QUICKER,
     SLOW_RUDDER,
     ResponseState,
+    Three,
     acquitted,
     carried_on,
     enough,
@@ -58,6 +60,9 @@ from autopilot.supervision.rudder_response import (
     other_verdict,
     push_at_least,
     response_step,
+    since_turning,
+    taken_over,
+    turned_verdict,
     verdict,
     without_evidence,
 )
@@ -71,6 +76,7 @@ from autopilot.supervision.tuning import (
     LONGEST_GAP_S,
     ON_COURSE,
     PUSHED_S,
+    REPORT_FRESH_S,
     SEA_FIRST,
     SEA_FIRST_TIME,
     SLOW,
@@ -88,7 +94,7 @@ class Evidence(NamedTuple):
     response: what is known; seaway: the seas met; heading [rad]: the newest, and how many `same` ones there were in a
     row; late_until [s]: until then nothing is evidence; slow [rad]: where a slow rudder would stand at slow_time [s],
     nan where that is out of question; speed [m/s]: the model's of late; worked [rad^2]: the mean square of the
-    rudder on a course in a sea; carried: into a turn, see `carried_on`."""
+    rudder on a course in a sea; carried: into a turn, see `carried_on`; added: by a turn, see `since_turning`."""
 
     since: float = math.nan
     response: ResponseState = NO_RESPONSE
@@ -102,6 +108,7 @@ class Evidence(NamedTuple):
     slide: float = 0.0
     worked: float = 0.0
     carried: float = 0.0
+    added: Three = NOTHING_ADDED
 
 
 NOTHING_KNOWN = Evidence()
@@ -116,7 +123,9 @@ def evidence_step(
 ) -> Evidence:
     """Return what is known after a tick and a heading [rad] `measured` at its time [s], not numbers where none came.
     rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
-    since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried = before
+    (
+        since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried, added,
+    ) = before  # fmt: skip
     (time, heading), state, now, model = measured, seen.state, seen.now, seen.model
     since = since if since == since else now  # what is no number is not itself
     late_until = now + LATE_LASTS if seen.is_late else late_until
@@ -128,7 +137,9 @@ def evidence_step(
         reach, left = limits.rudder_rate / SLOW * (now - slow_time if now > slow_time else 0.0), seen.rudder - slow
         slow_time, slow = now, slow + (-reach if left < -reach else reach if left > reach else left)
     if heading != heading:
-        return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried)
+        return Evidence(
+            since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried, added
+        )
     seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
     # in a turn the order moves the rudder, and not the sea
     unmet = SEA_FIRST * math.exp(-(now - seaway.begun) / SEA_FIRST_TIME) if seen.holds_course else 0.0
@@ -136,12 +147,14 @@ def evidence_step(
     same = same + 1 if last == heading else 1
     if same >= FROZEN_SAMPLES:
         return Evidence(
-            since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide, worked, carried
-        )
+            since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide, worked, carried,
+            NOTHING_ADDED,
+        )  # fmt: skip
     known = response.time
     # written so that it holds where nothing is known
     if not time - known <= LONGEST_GAP_S:
         response, last, speed = first_response(noise, time, heading), heading, model.reference_speed
+        added = NOTHING_ADDED
     elif time > known:
         fastest, rate, in_time = 2.0 * model.gain * seen.angle_max, state.rate, rudders[0]
         rate = -fastest if rate < -fastest else fastest if rate > fastest else rate
@@ -160,7 +173,21 @@ def evidence_step(
         response, last = after if time > late_until else without_evidence(response, after), heading
         as_course = counts_as_course(seaway, now, seen.holds_course)
         carried = carried_on(carried, response, as_course, time - known)
-    return Evidence(since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried)
+        added = since_turning(added, response, seen.follows and not seen.holds_course)
+    return Evidence(
+        since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried, added
+    )
+
+
+def verdict_at(evidence: Evidence, now: float, holds_course: bool) -> int:
+    """Return the `verdict` at `now` [s]: as long as the sea is not known a turn that the boat has answered to is no
+    evidence, whatever has come since."""
+    response, added = evidence.response, evidence.added
+    found = turned_verdict(response, added)
+    as_course = counts_as_course(evidence.seaway, now, holds_course)
+    if found != 0 or (as_course and not holds_course and (added[0] <= 0.0 or added[1] <= 0.0 or added[2] <= 0.0)):
+        return found
+    return verdict(response, enough(evidence.carried, as_course))
 
 
 class Response(NamedTuple):
@@ -194,7 +221,54 @@ def judge_response(
     if not (seen.steers and seen.has_way and math.isfinite(state.rate + state.rudder)):
         return before.but_the_sea(seen)
     evidence, source, held_off_since, doubted_trial, _, _, _ = before
-    known = _in_order(headings)
+    evidence, source, earliest = _with_headings(evidence, source, limits, seen, headings, history)
+    response = evidence.response
+    # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
+    other = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED
+    found = verdict_at(evidence, now, seen.holds_course)
+    if seen.follows:
+        return Response(evidence, source, math.nan, False, False, other, found)
+    is_known = not math.isnan(response.time)
+    is_held_off = is_known and now - evidence.since >= SEA_KNOWN_S and _is_held_off(response, seen, history, earliest)
+    held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan
+    is_doubted = is_doubtful(response) or now - held_off_since >= PUSHED_S
+    if not is_known or doubted_trial or not is_doubted:
+        return Response(evidence, source, held_off_since, doubted_trial, False, other, found)
+    return Response(evidence._replace(response=acquitted(response)), source, held_off_since, True, True, other)
+
+
+def listened(
+    before: Response, limits: AlarmLimits, seen: MonitorInput, measured: Measured, history: History
+) -> Response:
+    """Return what is known after a tick in which somebody else steers, with a rudder that is measured or reported: how
+    the boat turns, what pushes it, and the sea. All of it was so before our first order, and is no evidence."""
+    known, report = before.but_the_sea(seen), measured.report
+    is_shown = seen.rudder_is_measured or (report is not None and seen.now - report.time <= REPORT_FRESH_S)
+    if not (limits.rudder_response and is_shown and seen.has_way and math.isfinite(seen.state.rate)):
+        return known
+    evidence, source, _ = _with_headings(before.evidence, before.source, limits, seen, measured.headings, history)
+    if math.isnan(evidence.response.time):
+        return known
+    kept = known.evidence._replace(
+        response=taken_over(evidence.response),
+        heading=evidence.heading,
+        same=evidence.same,
+        speed=evidence.speed,
+        slide=evidence.slide,
+    )
+    return Response(kept, source)
+
+
+def _with_headings(
+    evidence: Evidence,
+    source: str,
+    limits: AlarmLimits,
+    seen: MonitorInput,
+    headings: tuple[HeadingSample, ...],
+    history: History,
+) -> tuple[Evidence, str, float]:
+    """Return what is known after a tick's headings, their source, and the first time [s] of which the rudder counts."""
+    known, now = _in_order(headings), seen.now
     if not known:
         evidence = evidence_step(evidence, limits, seen, NO_HEADING, NO_HEADING)
     since = evidence.since if evidence.since == evidence.since else now
@@ -206,20 +280,7 @@ def judge_response(
         middle = 0.5 * (evidence.response.time + sample.time)
         rudders = rudder_at(history, earliest, middle), rudder_at(history, earliest, middle - LATE_S)
         evidence = evidence_step(evidence, limits, seen, (sample.time, sample.heading), rudders)
-    response = evidence.response
-    # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
-    other = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED
-    as_course = counts_as_course(evidence.seaway, now, seen.holds_course)
-    found = verdict(response, enough(evidence.carried, as_course))
-    if seen.follows:
-        return Response(evidence, source, math.nan, False, False, other, found)
-    is_known = not math.isnan(response.time)
-    is_held_off = is_known and now - since >= SEA_KNOWN_S and _is_held_off(response, seen, history, earliest)
-    held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan
-    is_doubted = is_doubtful(response) or now - held_off_since >= PUSHED_S
-    if not is_known or doubted_trial or not is_doubted:
-        return Response(evidence, source, held_off_since, doubted_trial, False, other, found)
-    return Response(evidence._replace(response=acquitted(response)), source, held_off_since, True, True, other)
+    return evidence, source, earliest
 
 
 UNJUDGED = Response()
@@ -299,7 +360,8 @@ def update(
     """Judge a tick, with the rudder's `history` until now; return what is remembered, and what is found."""
     if not seen.steers:
         # what is done by others proves nothing; what a line holds it still does
-        following, response = Following(line=before.following.line), before.response.but_the_sea(seen)
+        following = Following(line=before.following.line)
+        response = listened(before.response, limits, seen, measured, history)
         return State(following=following, response=response, trial_doubted=before.trial_doubted), ()
     since, following, response, overpowered, runaway, stop_since, doubted, other, _, rests, doubts = before
     now = seen.now

@@ -37,6 +37,10 @@ SURE, SURE_TURNING = (14.0, 6.0, 3.0), (11.0, 10.4, 1.0)
 sea as it is estimated now, and by blocks in the sea as it was learnt; on a course, and in a turn. There the rudder
 moves by the order and not against the sea, which then looks less like a rudder that does nothing; but with less than
 SURE_OTHER by headings a slow boat that drifts sideways was accused in one."""
+SURE_SINCE = 8.0
+"""As much, since a turn began, that it has been stuck ever since: of 3,600 healthy boats that were engaged with their
+first heading in seas not known to them, up to four times as large as supposed, the most had 6.7. With 10.4 in place
+of it 79 % in place of 86 % of the rudders that were stuck before were found."""
 LITTLE = 1.0
 """With less evidence in blocks no fault has begun: what was left since the last time is the sea's."""
 SURE_OTHER = 10.4  # 30 %: nothing

@@ -63,9 +63,9 @@ from autopilot.steering import (
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.supervision.heading_and_rate import NO_TURNS, Turns, are_opposite, off_most, turning_most, turns_step
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
-from autopilot.supervision.response_filter import NO_SEAWAY, counts_as_course
-from autopilot.supervision.rudder_response import FILED, enough, other_verdict, verdict
-from autopilot.supervision.rudder_watch import NOTHING_KNOWN, PAST_S, Evidence, evidence_step
+from autopilot.supervision.response_filter import NO_SEAWAY
+from autopilot.supervision.rudder_response import FILED, other_verdict
+from autopilot.supervision.rudder_watch import NOTHING_KNOWN, PAST_S, Evidence, evidence_step, verdict_at
 from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, HELD_LAG, LATE_S, RATE_OFF
 
 Floats = NDArray[np.float64]
@@ -194,8 +194,7 @@ def tick(
     # at the first tick the helm is not ours yet
     if dt > 0.0 and campaign.alarms.rudder_response:
         answer = _answer(campaign, pilot_state, seen, model, history, measurement.measured)
-        as_course = counts_as_course(answer.seaway, now, now >= pilot_state.guide.turning_until)
-        answers = verdict(answer.response, enough(answer.carried, as_course)) == 0
+        answers = verdict_at(answer, now, now >= pilot_state.guide.turning_until) == 0
         answers = answers and (seen.wave_deviation <= 0.0 or other_verdict(answer.response.others) == FILED)
     ratio = quickness(config.estimator.law, config.estimator.model, model)
     state = present = steered_by(config, model, seen, ratio)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from alarm_texts import words_of
 from boats import BOATS, Boat, vessel_of
-from fault_boat import FaultBoat, is_engaged, route
+from fault_boat import FaultBoat, Injected, is_engaged, route
 from plant import Plant, sail
 
 from autopilot.angles import wrap
@@ -299,3 +299,16 @@ def test_a_sea_not_yet_known_accuses_no_rudder_in_a_turn(seed: int) -> None:
     boat.track.follow(route(boat))
     assert boat.run(8.0, until=is_engaged)
     assert not boat.run(20.0, until=lambda tick: tick.mode is not Mode.ENGAGED), boat.tick.alarms
+
+
+@pytest.mark.parametrize("seed", [2026112964, 2026112968])
+def test_a_rudder_stuck_before_engaging_is_found_in_the_first_turn(seed: int) -> None:
+    """As above: in three seconds on stand-by the boat shows what pushes it, and that its rudder does not, the turn."""
+    boat = FaultBoat("companion", int(np.random.SeedSequence(seed).generate_state(1)[0]))
+    boat.run(3.0)
+    boat.add(Injected("rudder_stuck"))
+    boat.skipper.hand_to_track()
+    boat.track.follow(route(boat))
+    assert boat.run(8.0, until=is_engaged)
+    assert boat.run(6.0, until=lambda tick: tick.mode is not Mode.ENGAGED)
+    assert "rudder_stuck" in {event.name for event in boat.tick.alarms}, boat.tick.alarms

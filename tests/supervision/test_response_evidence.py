@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy.stats import multivariate_normal
-from watches import BOAT, DT, NOISE, Answering, MatrixFilter
+from watches import BOAT, DT, NOISE, Answering, MatrixFilter, RudderHistory
 
 from autopilot.estimation.disturbance import slide_step
 from autopilot.models.norrbin import Norrbin, rate_step
-from autopilot.signals import HeadingSample, NavState
-from autopilot.supervision.monitor_input import MonitorInput
+from autopilot.signals import HeadingSample, NavState, RudderSample
+from autopilot.supervision import rudder_watch
+from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.response_filter import (
     NO_SEAWAY,
     NOTHING,
@@ -34,6 +35,7 @@ from autopilot.supervision.rudder_response import (
     FILED,
     LIVELIER,
     NO_OTHERS,
+    NOTHING_ADDED,
     QUICKER,
     SLOW_RUDDER,
     Others,
@@ -50,9 +52,11 @@ from autopilot.supervision.rudder_response import (
     other_verdict,
     push_at_least,
     response_step,
+    since_turning,
     verdict,
     without_evidence,
 )
+from autopilot.supervision.rudder_watch import NOTHING_KNOWN, Evidence, verdict_at
 from autopilot.supervision.tuning import GUST_SIZE, SEA_FIRST, SEA_FIRST_TIME, WORKED_TIME
 from sitl.compiled import compiled
 
@@ -623,9 +627,73 @@ def test_a_sea_that_may_be_larger_takes_from_the_evidence_and_from_nothing_else(
     sums = ("stuck", "stuck_late", "reversed", "reversed_late")
     for name in sums:
         assert 0.25 * getattr(surely, name) < getattr(perhaps, name) < 0.99 * getattr(surely, name)
-    for more, less in zip(surely.gust[1:], perhaps.gust[1:], strict=True):
+    for more, less in zip((*surely.gust[1:], *surely.added), (*perhaps.gust[1:], *perhaps.added), strict=True):
         assert 0.25 * abs(more) < abs(less) < 0.99 * abs(more)
-    assert perhaps._replace(**{name: getattr(surely, name) for name in (*sums, "gust")}) == surely
+    assert perhaps._replace(**{name: getattr(surely, name) for name in (*sums, "gust", "added")}) == surely
+
+
+@pytest.mark.parametrize("share", [1.0, 0.0])
+def test_what_a_turn_tells_is_neither_forgotten_nor_begun_anew(share: float) -> None:
+    added, sums, summed = NOTHING_ADDED, [0.0, 0.0, 0.0], 0.0
+    for memory, _ in sailed(share, 0.0, 0.75, seconds=20.0):
+        added = since_turning(added, memory, True)
+        sums = [total + more for total, more in zip(sums, memory.added, strict=True)]
+        summed = max(math.exp(-DT / 20.0) * summed + memory.added[0], 0.0)
+        assert memory.stuck == pytest.approx(summed), "that which is forgotten"
+    assert added == pytest.approx(sums)
+    # no more than 13.5 of it are left of a fault that may begin at any time
+    assert min(added) > 18.0 if share == 0.0 else max(added) < -25.0
+    assert since_turning(added, memory, False) == NOTHING_ADDED
+
+
+def test_a_late_tick_tells_a_turn_nothing_against_the_rudder() -> None:
+    after = first_response(NOISE, 0.0, 0.0)._replace(added=(0.5, -0.5, 0.3))
+    assert without_evidence(first_response(NOISE, 0.0, 0.0), after).added == (0.0, -0.5, 0.0)
+
+
+def test_a_turn_tells_of_a_stuck_rudder_whatever_the_sea_is() -> None:
+    response = first_response(NOISE, 0.0, 0.0)
+    for added, wanted in (((8.0, 8.0, 8.0), 1), ((7.9, 8.0, 8.0), 0), ((8.0, 7.9, 8.0), 0), ((8.0, 8.0, 7.9), 0)):
+        assert verdict_at(Evidence(response=response, added=added), 1.0, False) == wanted
+    opposite = response._replace(since=(-1.0, 1.0))
+    assert verdict_at(Evidence(response=opposite, added=(8.0, 8.0, 8.0)), 1.0, False) == -1
+
+
+def test_a_turn_that_was_answered_accuses_no_rudder_until_the_sea_is_known() -> None:
+    begun, known = NO_SEAWAY._replace(begun=0.0), 15.8
+    evidence = Evidence(response=accused(99.0, 99.0), seaway=begun)
+    for added in ((-0.1, 1.0, 1.0), (1.0, -0.1, 1.0), (1.0, 1.0, -0.1)):
+        answered = evidence._replace(added=added)
+        found = [verdict_at(answered, *at) for at in ((1.0, False), (1.0, True), (known, False))]
+        assert found == [0, 1, 1]
+    assert verdict_at(evidence._replace(added=(0.1, 0.1, 0.1)), 1.0, False) == 1
+
+
+@pytest.mark.parametrize(("rudder", "push"), [(0.0, 0.1), (0.1, 0.0), (0.1, -0.05)])
+def test_what_pushes_a_boat_that_others_steer_is_known_as_we_engage(rudder: float, push: float) -> None:
+    """Where its rudder is reported: nobody knows by whom it was turned otherwise."""
+    watch, history, heading, rate = rudder_watch.State(), RudderHistory(), 0.0, 0.0
+    limits, report = (
+        AlarmLimits(heading_noise=NOISE.heading, rudder_response=True),
+        RudderSample(0.0, 0.0, ordered=True),
+    )
+    for tick in range(1, 160):
+        now = DT * tick
+        for _ in range(10):
+            rate += 0.1 * DT * (BOAT.gain * (rudder + push) - BOAT.n1 * rate - BOAT.n3 * rate**3) / BOAT.time_constant
+            heading += 0.1 * DT * rate
+        state = NavState(now, heading, rate, 4.0, rudder, 0.0, 0.0, True, wave_deviation=0.01, wave_frequency=0.9)
+        seen = MonitorInput(now, BOAT, state, False, False, 0.0, rudder, STOP, True)
+        ring = history.until(seen)
+        heard = Measured((HeadingSample(now, heading),), report=report._replace(time=now, angle=rudder))
+        watch, found = rudder_watch.update(limits, watch, seen, heard, ring)
+        assert not found
+    response = watch.response.evidence.response
+    assert response.means[0][2] == pytest.approx(push, abs=0.3 * abs(rudder) + 0.01)
+    assert response.means[1:] == NOTHING_KNOWN.response.means[1:]
+    assert (response.stuck, response.reversed, response.since, response.added) == (0.0, 0.0, (0.0, 0.0), NOTHING_ADDED)
+    silent, _ = rudder_watch.update(limits, watch, seen._replace(now=now + 2.0), heard._replace(headings=()), ring)
+    assert math.isnan(silent.response.evidence.response.time), "the report is old"
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
