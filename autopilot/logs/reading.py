@@ -133,6 +133,7 @@ TEXT = (
     Kind("a Garmin CAN log", CANBOAT, _matches(rb"Sequence #,Timestamp,PGN,")),
     Kind("python-can's CSV of frames", FRAMES, _matches(rb"timestamp,arbitration_id,")),
     Kind("SavvyCAN's CSV of frames", "save the frames as candump's text", _matches(rb"Time Stamp,ID,Extended,")),
+    Kind("a table of CAN frames", FRAMES, _matches(rb"Time[^\n]{0,40},ID,[^\n]{0,40}\bDLC\b")),
     Kind("a PCAN trace (.trc)", FRAMES, _matches(rb";\$FILEVERSION=")),
     Kind("a Vector CAN log (.asc)", FRAMES, _matches(rb"date [^\n]{1,80}\n\s*base\s+(?:hex|dec)")),
     Kind("what a serial CAN adapter sends (slcan)", RECORD, _matches(rb"T[0-9A-F]{8}[0-8](?:[0-9A-F]{2}){0,10}\s")),

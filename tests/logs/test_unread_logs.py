@@ -56,6 +56,10 @@ FILES: dict[str, tuple[bytes | str, str]] = {
         "Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2\n1,09F11223,true,Rx,0,2,1,2,\n",
         "SavvyCAN's CSV of frames",
     ),
+    "kvaser.csv": (
+        "Time,Channel,ID,Flags,DLC,D0,D1\n0.01000,1,166793763,2,2,1,2\n",
+        "a table of CAN frames",
+    ),
     "a.trc": (";$FILEVERSION=1.1\n;$STARTTIME=40000.0\n 1) 2.5 Rx 09F11223 8 FF\n", "a PCAN trace (.trc)"),
     "a.asc": ("date Wed Apr 16 09:20:57 am 2014\nbase hex  timestamps absolute\n", "a Vector CAN log (.asc)"),
     "a.alog": ("%%%%%%%%%%%%\n%% LOG FILE:       ./a.alog\n0.1 NAV_X uSim 0\n", "a MOOS log (.alog)"),
