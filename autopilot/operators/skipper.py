@@ -287,9 +287,12 @@ class Skipper:
         self._order = self._order._replace(heading=heading, is_led=False)
         self.plotter.leave()
         self._take_back()
-        has_lost = tick is not None and tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE, Mode.FAULT)
-        later = " once the pilot is engaged again; nothing is steered now" if has_lost else ""
-        return f"heading {compass_text(heading, 1)} deg{later}"
+        return f"heading {compass_text(heading, 1)} deg{self._later()}"
+
+    def _later(self) -> str:
+        """Return what is to be said behind an order that is kept while the helm is lost; "" while it is not."""
+        has_lost = self._tick is not None and self._tick.mode in (Mode.OVERRIDE, Mode.FAILSAFE, Mode.FAULT)
+        return " once the pilot is engaged again; nothing is steered now" if has_lost else ""
 
     def _type_overboard(self, rest: str) -> str:
         overboard, fix = self.mission.overboard, self.track.fix
@@ -309,7 +312,7 @@ class Skipper:
         if word[0] in "+-":
             self.wind.turn_by(turn_of(f"{word}{rest}".replace(" ", "")))
             assert self.wind.hold is not None
-            return f"wind angle {math.degrees(self.wind.hold.angle):.0f} deg"
+            return f"wind angle {math.degrees(self.wind.hold.angle):.0f} deg{self._later()}"
         if rest:
             raise InputError(f"{word}: nothing is allowed behind it")
         if word == "y":
@@ -353,7 +356,8 @@ class Skipper:
         present one; engages where no heading is steered yet. Raises InputError."""
         if angle is not None and not abs(angle) <= math.pi:
             raise InputError(f"wind angle {math.degrees(angle):.3g} deg: allowed is -180 to 180")
-        held = self.wind.hold if not self.wind.lost else None
+        is_steered = self._tick is not None and self._tick.mode is Mode.ENGAGED
+        held = self.wind.hold if is_steered and not self.wind.lost else None
         if held is not None and angle is not None and held.is_true is is_true:
             # another angle of the same wind is no new hold
             self.wind.turn_by(held.angle - angle)

@@ -291,6 +291,21 @@ def test_no_turn_is_promised_while_nothing_is_steered(sea: Sea) -> None:
             sea.skipper.type_line(line)
 
 
+def test_an_angle_ordered_in_fail_safe_engages_and_a_step_says_that_nothing_is_steered(sea: Sea) -> None:
+    sea.sail(10.0)
+    sea.skipper.type_line("w true 45")
+    sea.sail(30.0)
+    sense, sea.box.sense = sea.box.sense, list  # type: ignore[method-assign]
+    assert sea.sail(4.0).mode is Mode.FAILSAFE
+    sea.box.sense = sense  # type: ignore[method-assign]
+    assert sea.sail(4.0).mode is Mode.FAILSAFE
+    assert sea.skipper.type_line("+5") == "wind angle 40 deg once the pilot is engaged again; nothing is steered now"
+    assert sea.skipper.type_line("w true 50") == "holding the true wind's angle of 50 deg"
+    assert sea.sail(1.0).mode is Mode.ENGAGED
+    sea.sail(60.0)
+    assert off(sea.alarms.true(), 50.0) < 3.0
+
+
 def test_a_frozen_vane_leaves_the_heading_from_before_and_says_so(sea: Sea) -> None:
     sea.sail(10.0)
     sea.skipper.type_line("w")
