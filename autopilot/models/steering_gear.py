@@ -11,7 +11,9 @@ that is open lets the pump drive the rudder at its full rate to one side, and no
     open:                                                         delta' = -rate_port or rate_starboard
     shut: oil and rudder run on                                   delta' = rate exp(-t/coasting)
 
-so that the least pulse moves the rudder by m = rate (max(least - opening, 0) + coasting). A rudder that is wrong by
+Oil and rudder come up to their rate as gradually as they run on. A pulse of t moves the rudder by
+rate (t - opening + coasting) in all, and opening is what is lost of that: more than the time until the rudder moves. So
+the least pulse moves the rudder by m = rate (max(least - opening, 0) + coasting). A rudder that is wrong by
 less than m/2 is better left alone: it would be further off, on the other side, afterwards. With the time between two
 looks and what is not known of the angle that gives the dead zone
 

@@ -335,9 +335,11 @@ class Helm:
 class Valves:
     """On/off valves of a hydraulic steering gear, as a stopwatch shows them; the rates are those of `rudder`."""
 
-    opening_s: Annotated[float, RESTART, Bounds(0.0, 2.0, "from the signal until the rudder moves")] = 0.08
+    opening_s: Annotated[float, RESTART, Bounds(0.0, 2.0, "time a rudder loses while a valve opens")] = 0.08
     coasting_s: Annotated[float, RESTART, Bounds(0.0, 5.0, "how far it runs on when shut, over its rate")] = 0.1
     least_pulse_s: Annotated[float, RESTART, Bounds(0.02, 5.0, "shortest time for which one is opened")] = 0.1
+    """opening_s is measured by the whole way of an opening for t, the rate times (t - opening_s + coasting_s). To begin
+    to move takes less: the oil comes up to its rate as gradually as it runs on."""
     sensor_channel: Annotated[int, RESTART, Bounds(0, 23, "analogue input with the rudder sensor")] | None = None
     """null: no sensor; the rudder is reckoned from the time for which each valve was open."""
 

@@ -247,6 +247,26 @@ def test_a_rudder_that_moves_behind_shut_valves_is_said(creep_deg_s: float, side
     assert said == ({words} if side else set())
 
 
+@pytest.mark.parametrize("pulse", [0.3, 0.6, 2.0])
+def test_oil_that_comes_up_to_its_rate_is_reckoned_by_the_whole_way_of_a_pulse(pulse: float) -> None:
+    """The rudder begins to move after 0.08 s, and follows with a lag of 0.1 s: with the former for `opening` a pulse of
+    0.3 s counts for 1.45 times its way."""
+    rate, begins, lag, dt = math.radians(4.0), 0.08, 0.1, 0.0005
+
+    def way(lasts: float) -> float:
+        speed = moved = 0.0
+        for step in range(round((lasts + 20.0 * lag) / dt)):
+            speed += ((rate if begins < step * dt < lasts else 0.0) - speed) * dt / lag
+            moved += speed * dt
+        return moved
+
+    valve = RAM._replace(port=rate, opening=1.0 + lag - way(1.0) / rate, coasting=lag)
+    assert valve.opening == pytest.approx(begins + lag, abs=0.002)
+    opened = reckoned(valve, STOP, Gate(-1, 0.0, 0), Reckoned(0.0, 0.0, 0.0), pulse)
+    shut = reckoned(valve, STOP, Gate(0, pulse, -1), opened, pulse + 5.0)
+    assert -shut.angle == pytest.approx(way(pulse), rel=0.02)
+
+
 def test_a_rudder_moved_by_hand_is_no_leak() -> None:
     bench = Bench(boat())
     for _ in range(round(60.0 / STEP)):
