@@ -241,7 +241,7 @@ def begun_at(angle: float, slower: float = 1.0) -> RudderRate:
 def measured_at(angle: float, filed: float, rate: float) -> RudderRate:
     """Return what is known of a rudder at `angle` [rad] whose sensor shows a `rate` [rad/s] where more is `filed`; inf:
     it shows none that is much slower."""
-    return begun_at(angle, max(filed / rate, 1.0))
+    return begun_at(angle, filed / rate if rate < filed else 1.0)
 
 
 def angle_of(state: RudderRate) -> float:

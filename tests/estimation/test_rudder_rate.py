@@ -8,7 +8,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from autopilot.estimation.rudder_observer import AS_FILED, RudderRate, angle_of, begun_at, gone_by, rudder_rate_step
+from autopilot.estimation.rudder_observer import (
+    AS_FILED,
+    RudderRate,
+    angle_of,
+    begun_at,
+    gone_by,
+    measured_at,
+    rudder_rate_step,
+)
 from autopilot.models.norrbin import Norrbin, yaw_acceleration
 from autopilot.models.steering_gear import SteeringGear, gear_step
 
@@ -77,3 +85,14 @@ def test_a_course_unstable_boat_and_a_rudder_without_a_rate_are_left_alone() -> 
     steered = 0.1, MOST, False
     assert rudder_rate_step(BOAT._replace(n1=-1.0), AS_FILED, steered, CALM, FILED, DT) is AS_FILED
     assert rudder_rate_step(BOAT, AS_FILED, steered, CALM, SteeringGear(MOST, math.inf), DT) is AS_FILED
+
+
+@pytest.mark.parametrize(
+    ("filed", "rate", "slower"),
+    [(0.2, 0.05, 4.0), (0.2, 0.2, 1.0), (0.2, 0.3, 1.0), (0.2, math.inf, 1.0), (math.inf, math.inf, 1.0)],
+)
+def test_a_measured_rate_is_gone_by_where_it_is_less_than_filed(filed: float, rate: float, slower: float) -> None:
+    known = measured_at(0.1, filed, rate)
+    assert known.slower == pytest.approx(slower)
+    assert known.is_sure is (slower > 1.0)
+    assert gone_by(SteeringGear(0.6, filed), known).rate_max == pytest.approx(min(filed, rate))
