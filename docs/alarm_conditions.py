@@ -119,9 +119,10 @@ CONDITIONS = {
     "low_speed": Condition("the speed is below this", key="control.steerage_m_s"),
     "hunting": Condition(
         "four sweeps of the rudder in a row, alike or growing, by half its limit, each with 10 deg of heading; or "
-        "four from stop to stop, where the rudder makes 98 % of the rate of turn; or two of 8 s or more that swing "
-        "the boat three times as far as its model; or twice the rate that the rudder hard over gives. The law then "
-        "uses a quarter of the gain, and a sixteenth if need be; a speed below the trial's is doubted first"
+        "four from stop to stop, where the rudder makes 98 % of the rate of turn, or 99.5 % by orders of up to 1.2 s "
+        "before; or two of 8 s or more that swing the boat three times as far as its model; or twice the rate that the "
+        "rudder hard over gives. The law then uses a quarter of the gain, and a sixteenth if need be; a speed below "
+        "the trial's is doubted first"
     ),
     "swinging": Condition(
         "six such sweeps from stop to stop under the soft law, or four of any size with a sixteenth of the gain; at "

@@ -180,12 +180,18 @@ class Turning(Stepped):
     def __init__(self, step: Callable[..., Any], value: Any) -> None:
         super().__init__(step, value)
         self.last: MonitorInput | None = None
+        self.given: list[tuple[float, float]] = []
 
     def update(self, seen: MonitorInput) -> Any:
         """Go on to the next value, and return it."""
         last, self.last = self.last, seen
         before = (math.nan,) * 3 if last is None else (last.now, last.state.heading, last.wanted)
-        turn = course_watch.turn_since(*before, seen, course_watch.quickest_model(seen))
+        self.given.append((before[0], seen.rudder))
+        given = tuple(
+            next((order for then, order in reversed(self.given) if then <= before[0] - later + 1e-9), seen.rudder)
+            for later in course_watch.LATER
+        )
+        turn = course_watch.turn_since(before, seen, course_watch.quickest_model(seen), given)
         self.value = self.step(self.value, seen, turn)
         return self.value
 

@@ -18,16 +18,17 @@ soft. A boat that is known to be pushed harder than its rudder is not taken to g
 from __future__ import annotations
 
 import math
-from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 from autopilot.angles import PI, shortest_turn, wrap
-from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
+from autopilot.estimation.path_delay import orders_before
+from autopilot.estimation.tuning import PATH_GRID, PATH_STEP, WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
 from autopilot.signals import AlarmEvent
 from autopilot.supervision import rudder_watch
 from autopilot.supervision.alarms import AT_STOP
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput, is_hard_over, reads_low, speed_ratio
+from autopilot.supervision.rudder_following import History
 from autopilot.supervision.tuning import (
     ALIKE,
     AT_THE_STOP,
@@ -35,6 +36,7 @@ from autopilot.supervision.tuning import (
     BEHIND,
     BEYOND,
     BY_RUDDER,
+    BY_RUDDER_LATER,
     CIRCLES,
     CIRCLES_DOUBTED,
     GROWS,
@@ -151,56 +153,68 @@ def off_course_step(
     return OffCourse(away, error, AlarmEvent("off_course", off, AT_STOP if is_hard_over(seen) else ""))
 
 
-Sums = tuple[float, float, float, float, float, float, float, float, float, float, float, float, float, float, float]
+Sums = tuple[float, float, float, float, float, float, float, float, float, float]
+OfOrders = tuple[float, float, float, float, float, float]
+LATER = tuple(PATH_STEP * step for step in range(0, PATH_GRID, 2))
+"""Orders come up to so much later [s] than they were given where swings are looked at."""
 
 
 class ByRudder(NamedTuple):
     """How much of the rate of turn the rudder accounts for, whatever the boat: R^2 of r' = a delta + b r + c.
 
     By least squares of its integral r = a D + b psi + c t + d, D' = delta, which does not differentiate noise. At the
-    one frequency of a limit cycle a delay is a part of a and b; what gusts and waves do beside the rudder is none.
+    one frequency of a limit cycle a delay is a part of a and b. From stop to stop, in swings of a few delays, it is
+    not: there D is of the orders of one of LATER before, with which it accounts for most. What gusts and waves do
+    beside the rudder is none.
 
-    time [s], turned psi [rad] and ordered D [rad s] since it began; sums: of the products of two of the columns 1, t,
-    psi, D and r, each pair once, the first of them the number of ticks.
+    time [s] and turned psi [rad] since it began; sums: of the products of two of the columns 1, t, psi and r, each pair
+    once, the first of them the number of ticks; orders: for each of LATER D [rad s], and the sums of it with 1, t, psi,
+    D and r.
     """
 
     time: float = 0.0
     turned: float = 0.0
-    ordered: float = 0.0
-    sums: Sums = (0.0,) * 15
+    sums: Sums = (0.0,) * 10
+    orders: tuple[OfOrders, ...] = ((0.0,) * 6,) * len(LATER)
 
-    def with_tick(self, step: float, turned: float, rudder: float, rate: float) -> ByRudder:
+    def with_tick(self, step: float, turned: float, given: tuple[float, ...], rate: float) -> ByRudder:
         """Return the same with a tick `step` [s] later, in which the boat `turned` [rad]; what is between the first and
-        the tick before it does not count."""
-        time, psi, ordered, sums = self
-        ticks, st, sp, so, sr, stt, stp, sto, str_, spp, spo, spr, soo, sor, srr = sums
+        the tick before it does not count. given: the orders [rad] of LATER before."""
+        time, psi, (ticks, st, sp, sr, stt, stp, str_, spp, spr, srr), orders = self
         if ticks > 0.0:
-            time, psi, ordered = time + step, psi + turned, ordered + rudder * step
-        added = (
+            time, psi = time + step, psi + turned
+        else:
+            step = 0.0
+        sums = (
             ticks + 1.0,
             st + time,
             sp + psi,
-            so + ordered,
             sr + rate,
             stt + time * time,
             stp + time * psi,
-            sto + time * ordered,
             str_ + time * rate,
             spp + psi * psi,
-            spo + psi * ordered,
             spr + psi * rate,
-            soo + ordered * ordered,
-            sor + ordered * rate,
             srr + rate * rate,
         )
-        return ByRudder(time, psi, ordered, added)
+        added = []
+        for (ordered, so, sto, spo, soo, sor), rudder in zip(orders, given, strict=True):
+            d = ordered + rudder * step
+            added.append((d, so + d, sto + time * d, spo + psi * d, soo + d * d, sor + d * rate))
+        return ByRudder(time, psi, sums, tuple(added))
 
-    def fit(self) -> tuple[float, float]:
+    def fit(self, later: int = 0) -> tuple[float, float]:
         """Return R^2, 0 where nothing has turned: what elimination leaves of the last column's square; and a [1/s^2],
-        K/T of a boat that nothing else turns."""
-        left = [[0.0] * 5 for _ in range(5)]
-        for (row, column), total in zip(combinations_with_replacement(range(5), 2), self.sums, strict=False):
-            left[row][column] = left[column][row] = total
+        K/T of a boat that nothing else turns. later: which of LATER."""
+        ticks, st, sp, sr, stt, stp, str_, spp, spr, srr = self.sums
+        _, so, sto, spo, soo, sor = self.orders[later]
+        left = [
+            [ticks, st, sp, so, sr],
+            [st, stt, stp, sto, str_],
+            [sp, stp, spp, spo, spr],
+            [so, sto, spo, soo, sor],
+            [sr, str_, spr, sor, srr],
+        ]
         before = [left[index][index] for index in range(5)]
         total = 0.0
         for pivot in range(4):
@@ -212,9 +226,21 @@ class ByRudder(NamedTuple):
         answer = left[3][4] / left[3][3] if left[3][3] > NO_MORE * before[3] else 0.0
         return 1.0 - left[4][4] / total if total > 0.0 else 0.0, answer
 
-    def share(self) -> float:
-        """Return R^2."""
-        return self.fit()[0]
+    def accounts(self) -> bool:
+        """Return whether steering makes the swings: the rudder accounts for them at once, or nearly all of them later,
+        for a sea fits one of so many delays more easily."""
+        if self.fit()[0] >= BY_RUDDER:
+            return True
+        later = (self.fit(later) for later in range(1, len(LATER)))
+        return any(share >= BY_RUDDER_LATER and answer > 0.0 for share, answer in later)
+
+
+def orders_given(history: History, time: float, newest: float) -> tuple[float, ...]:
+    """Return the orders [rad] that were given by the tick at `time` [s], and so much of LATER before: the `newest` for
+    all of them where one is not remembered."""
+    times, _, commands, ticks = history
+    given = orders_before((times, commands, ticks), time)
+    return (newest,) * len(LATER) if given is None else (newest, *given[2::2])
 
 
 class Swings(NamedTuple):
@@ -258,21 +284,26 @@ def quickest_for(seen: MonitorInput, before: Quickest | None) -> Quickest:
 class Turn(NamedTuple):
     """What the boat has done since the tick before: step [s], turned [rad]; how far the heading ordered has moved
     [rad]; off [rad]: how far the boat is off it; quickest: the model at the trial's speed where that is the quicker
-    one."""
+    one; given [rad]: see `orders_given`."""
 
     step: float
     turned: float
     led: float
     off: float
     quickest: Norrbin
+    given: tuple[float, ...]
 
 
-def turn_since(time: float, heading: float, wanted: float, seen: MonitorInput, quickest: Norrbin) -> Turn:
-    """Return what the boat has done since the tick at `time` [s] with its heading and the one ordered [rad]."""
+def turn_since(
+    before: tuple[float, float, float], seen: MonitorInput, quickest: Norrbin, given: tuple[float, ...]
+) -> Turn:
+    """Return what the boat has done since the tick before, by its time [s], heading and the one ordered [rad]. given:
+    see `orders_given`."""
+    time, heading, wanted = before
     is_at, order = seen.state.heading, seen.wanted
     turned, led, off = is_at - heading, 0.0 if order == wanted else shortest_turn(wanted, order), is_at - order
     turned = turned if -PI < turned <= PI else wrap(turned)
-    return Turn(seen.now - time, turned, led, off if -PI < off <= PI else wrap(off), quickest)
+    return Turn(seen.now - time, turned, led, off if -PI < off <= PI else wrap(off), quickest, given)
 
 
 def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) -> Swings:
@@ -291,7 +322,7 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
     low = turned if turned < low else low
     high = turned if turned > high else high
     if by_rudder is not None:
-        by_rudder = by_rudder.with_tick(turn.step, turn.turned, order, seen.state.rate)
+        by_rudder = by_rudder.with_tick(turn.step, turn.turned, turn.given, seen.state.rate)
     if side == 0:
         side = 1 if order > extreme else -1 if order < extreme else 0
     elif side * (order - extreme) >= 0.0:
@@ -307,7 +338,7 @@ def swings_step(before: Swings, sweep: float, seen: MonitorInput, turn: Turn) ->
         is_beyond_rudder = swing > BEYOND * widest_swing(turn.quickest, seen.angle_max, lasts)
         worth = 2 if is_beyond_rudder and lasts > LONGEST_WAVE_S else 1
         count = 0 if not counts else count + worth if is_alike else 1
-        if count >= SUSPECT_SWINGS and by_rudder is not None and by_rudder.share() < BY_RUDDER:
+        if count >= SUSPECT_SWINGS and by_rudder is not None and not by_rudder.accounts():
             count = 0
         # a limit cycle does not die away: as far as the farthest
         swung = max(swing, swung) if count > 1 else swing
@@ -457,10 +488,10 @@ class State(NamedTuple):
 
 
 def update(
-    limits: AlarmLimits, before: State, seen: MonitorInput, rudder: rudder_watch.State
+    limits: AlarmLimits, before: State, seen: MonitorInput, rudder: rudder_watch.State, history: History
 ) -> tuple[State, tuple[AlarmEvent, ...], bool]:
     """Judge a tick, of which the `rudder` watch has found so much; return what is remembered, what is found, and
-    whether it contradicts the speed.
+    whether it contradicts the speed. history: what was ordered.
 
     What steering itself does to the boat: a soft law is tried first, then steering ends. A speed that is too low is the
     likeliest cause of swings, the trial's speed the worst that is plausible, so it is doubted first; then less is
@@ -468,7 +499,9 @@ def update(
     """
     time, heading, wanted, off_course, sweeps, throws, circles, spin, softer, hunts, quickest, side = before
     quickest = quickest_for(seen, quickest)
-    turn = turn_since(time, heading, wanted, seen, quickest.model)
+    looks = sweeps.by_rudder is not None or throws.by_rudder is not None
+    given = orders_given(history, time, seen.rudder) if looks else ()
+    turn = turn_since((time, heading, wanted), seen, quickest.model, given)
     if not seen.steers:
         softer, hunts = 1.0, False
     elif rudder.asks_less:

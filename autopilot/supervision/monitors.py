@@ -333,7 +333,7 @@ def judged(
         held = tuple(each._replace(heading=wrap(each.heading - offset)) for each in measured.headings)
         measured = measured._replace(headings=held)
     rudder, of_rudder = rudder_watch.update(limits, rudder, seen, measured, rudder_history)
-    course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder)
+    course, of_course, contradicts_speed = course_watch.update(limits, course, seen, rudder, rudder_history)
     if contradicts_speed:
         rudder = rudder.with_doubted_speed()
     found += of_rudder + of_course

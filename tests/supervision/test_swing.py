@@ -12,6 +12,7 @@ from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, steady_rate
 from autopilot.signals import NavState
 from autopilot.supervision.course_watch import (
+    LATER,
     NO_SWINGS,
     STOP_TO_STOP,
     ByRudder,
@@ -237,18 +238,39 @@ def test_swings_that_the_rudder_does_not_account_for_are_none_of_steering_s(
         heading += DT * rate
         at = watched(now, heading, order)
         at = at._replace(state=at.state._replace(rate=rate))
-        shares = shares.with_tick(DT, DT * rate, order, rate)
+        shares = shares.with_tick(DT, DT * rate, (order,) * len(LATER), rate)
         most = max(most, count.update(at).sweeps)
-    assert (shares.share() >= BY_RUDDER) is makes
+    assert (shares.fit()[0] >= BY_RUDDER) is makes
+    assert (most >= SUSPECT_SWINGS) is makes
+
+
+@pytest.mark.parametrize(("pushes", "makes"), [(0.0, True), (0.1, False)])
+@SIDES
+def test_thrust_that_comes_late_makes_quick_swings_from_stop_to_stop(side: float, pushes: float, makes: bool) -> None:
+    """A boat of T = 0.8 s behind 0.45 s and a lag of 0.15 s: what it does is its rudder's of then, not its rudder's of
+    now, and a sea beside it is neither."""
+    count, rate, heading, rudder, most, shares = swings(STOP_TO_STOP), 0.0, 0.0, 0.0, 0, ByRudder()
+    model, h, orders = BOAT._replace(gain=2.4, time_constant=0.95), 0.05, [0.0] * 25
+    for tick in range(400):
+        now = tick * h
+        orders.append(side * STOP * (1.0 if now % 4.0 < 2.0 else -1.0))
+        rudder += h / 0.15 * (orders[-1 - 9] - rudder)
+        rate += h * (2.9 * (rudder + pushes * math.sin(2.3 * now)) - rate) / 0.8
+        heading += h * rate
+        at = watched(now, heading, orders[-1], model=model)
+        at = at._replace(state=at.state._replace(rate=rate))
+        shares = shares.with_tick(h, h * rate, tuple(orders[-1 - round(later / h)] for later in LATER), rate)
+        most = max(most, count.update(at).sweeps)
+    assert shares.fit()[0] < BY_RUDDER, "it is not the order of now"
     assert (most >= SUSPECT_SWINGS) is makes
 
 
 def test_a_boat_that_does_not_turn_has_nothing_to_account_for() -> None:
     shares = ByRudder()
-    assert shares.share() == 0.0
+    assert not shares.accounts()
     for tick in range(10):
-        shares = shares.with_tick(DT, 0.0, 0.1 * tick, 0.0)
-    assert shares.share() == 0.0
+        shares = shares.with_tick(DT, 0.0, (0.1 * tick,) * len(LATER), 0.0)
+    assert not shares.accounts()
 
 
 @SIDES
