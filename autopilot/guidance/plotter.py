@@ -153,6 +153,8 @@ class PlotterGuide:
         self._passed: float | None = None
         self._jumped: tuple[float, float, float] | None = None
         """When [s] an error was said last that the boat cannot have got to, that error and the first such [m]."""
+        self._other = -math.inf
+        """When [s] another plotter than the one that is followed has said a way."""
         self._speed = 0.0
         self._strong_since = math.inf
         self._strong = ""
@@ -178,6 +180,7 @@ class PlotterGuide:
     def take(self, message: PlotterMessage) -> None:
         """Take what a plotter says; what is another's than that of the one that is followed changes nothing."""
         if self._is_anothers(message):
+            self._other = -math.inf if isinstance(message, PlotterInvalid) else message.time
             return
         if isinstance(message, PlotterInvalid):
             newest, since = self._candidate, message.time - TIMEOUT_S
@@ -318,7 +321,8 @@ class PlotterGuide:
             return AlarmEvent("plotter_invalid", f"({reasons}): {held}")
         if now - self._unread[0] <= TIMEOUT_S:
             return AlarmEvent("plotter_invalid", f"({self._unread[1]}): {held}")
-        return AlarmEvent("plotter_silent", f"for {TIMEOUT_S:.0f} s or more: {held}")
+        other = ", f follows another that leads elsewhere" if now - self._other <= TIMEOUT_S else ""
+        return AlarmEvent("plotter_silent", f"for {TIMEOUT_S:.0f} s or more: {held}{other}")
 
     def _too_strong(self, now: float, message: PlotterLeg | PlotterHeading | None) -> str:
         """Return why the leg cannot be held in the current that is known, "" where it can."""

@@ -483,3 +483,22 @@ def test_skippers_tell_the_plotter_s_guide_how_the_boat_turns() -> None:
     sea = Sea()
     sea.sail(1.0)
     assert sea.skipper.plotter.turn_radius == sea.track.settings.turn_radius > 0.0
+
+
+def test_the_alarm_of_a_silent_plotter_names_the_other_that_may_be_followed() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    for second in range(40):
+        now = float(second)
+        if second < 10:
+            guide.take(PlotterLeg(now, 0.0, 0.0, 0.0, "A", source="one"))
+        if second > 5:
+            guide.take(PlotterLeg(now, 1.0, 0.0, 0.0, "B", source="two"))
+        course = guide.course(now, 0.0, SPEED)
+    assert course == 0.0
+    assert "silent for 8 s or more: holding 000.0 deg, f follows another that leads elsewhere" in words(guide.alarm)
+    guide.follow()
+    for second in range(40, 44):
+        guide.take(PlotterLeg(float(second), 1.0, 0.0, 0.0, "B", source="two"))
+        course = guide.course(float(second), 0.0, SPEED)
+    assert course == pytest.approx(1.0) and guide.alarm is None
