@@ -309,9 +309,9 @@ def steered_by(config: SteeringConfig, model: Norrbin, state: NavState, ratio: f
     )
 
 
-def leads_gear(config: SteeringConfig, model: Norrbin, seconds: float) -> float:
+def leads_gear(config: SteeringConfig, model: Norrbin) -> float:
     """Return how long [s] after an order the rudder is where it says, where a planned turn is one of the boat as it
-    will be then, else 0. seconds: until the ordered turn is over, 0 or less: none is under way.
+    will be then, else 0.
 
     What is planned is then what the boat does when the order has come, and the law sees no lag that it would catch up
     with, and lead past by. Two thrusts turn a boat by so much meanwhile: a catamaran of 80 deg/s by 16 deg in 0.2 s.
@@ -319,7 +319,7 @@ def leads_gear(config: SteeringConfig, model: Norrbin, seconds: float) -> float:
     that of so much earlier (`reference_of`).
     """
     gear = config.estimator.gear
-    if seconds <= 0.0 or config.has_gear or not config.rudder_is_ours or model.n1 <= 0.0:
+    if config.has_gear or not config.rudder_is_ours or model.n1 <= 0.0:
         return 0.0
     return gear.delay + gear.lag
 

@@ -206,7 +206,7 @@ def step(config: Config, state: State, inputs: Inputs) -> tuple[State, Tick]:
         way, rudder = taken_over(steering, way, rudder, estimate, seen)
         control = begun(config, control, rudder.command.angle)
 
-    lead = leads_gear(steering, model, state.way.guide.turning_until - now) if is_engaged else 0.0
+    lead = leads_gear(steering, model) if is_engaged and now < state.way.guide.turning_until else 0.0
     at = dt, is_engaged, is_other_boat, lead
     present, steady, ratio, mean_bias = steered_from(steering, state, monitors, estimate, seen, at)
     on_course = is_engaged and order.kind is OrderKind.HEADING

@@ -198,7 +198,7 @@ def tick(
         answers = answers and (seen.wave_deviation <= 0.0 or other_verdict(answer.response.others) == FILED)
     ratio = quickness(config.estimator.law, config.estimator.model, model)
     state = present = steered_by(config, model, seen, ratio)
-    ahead = leads_gear(config, model, listened.guide.turning_until - now)
+    ahead = leads_gear(config, model) if now < listened.guide.turning_until else 0.0
     if ahead > 0.0:
         state = when_heard(model, config.estimator.gear, present, (listened.rudder, memory), (0.0, ahead), 0.0)
     turning = turning_at(config, listened.turning, model)
