@@ -23,8 +23,7 @@ from off_course import SIDES_DEG, STATE_5
 from autopilot.angles import shortest_turn, wrap
 from autopilot.control.registry import own_step
 from autopilot.estimation.fusion import Measured
-from autopilot.supervision.rudder_response import by_blocks, by_headings
-from autopilot.supervision.rudder_watch import verdict_at
+from autopilot.supervision.rudder_answer import by_blocks, by_headings, verdict_at
 from sitl.boat import boat_step
 from sitl.campaign.compiled_run import CALM, Setting, Workspace, measurement_of, readings
 from sitl.campaign.compiled_tick import Measurement, initial_state, tick

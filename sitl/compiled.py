@@ -33,7 +33,6 @@ REORDERED = (
     "sitl.sea.turned",
     "sitl.sea.summed",
     "autopilot.supervision.response_filter",
-    "autopilot.supervision.response_spectrum",
     "autopilot.supervision.rudder_response",
 )
 """What the quick compilation may do to sums and quotients, another order, one rounding less, and where: in smooth

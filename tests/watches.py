@@ -17,11 +17,11 @@ from autopilot.supervision import (
     compass_watch,
     course_watch,
     heading_and_rate,
-    rudder_following,
+    rudder_answer,
     rudder_watch,
 )
 from autopilot.supervision.alarms import Response, kind_of
-from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
+from autopilot.supervision.monitor_input import AlarmLimits, History, Measured, MonitorInput
 from autopilot.supervision.monitors import NOTHING_SEEN, State, judged, on_samples, without_past
 from autopilot.supervision.panel import sentences_of
 from autopilot.supervision.response_filter import Noise, transition_of
@@ -45,12 +45,12 @@ class Stepped:
 
 def overpowered() -> Stepped:
     """Return the monitor of a push that is heavier than the rudder."""
-    return Stepped(rudder_following.overpowered_step, rudder_following.NOT_OVERPOWERED)
+    return Stepped(rudder_watch.overpowered_step, rudder_watch.NOT_OVERPOWERED)
 
 
 def runaway() -> Stepped:
     """Return the monitor of a boat that turns against its rudder."""
-    return Stepped(rudder_following.runaway_step, rudder_following.NO_RUNAWAY)
+    return Stepped(rudder_watch.runaway_step, rudder_watch.NO_RUNAWAY)
 
 
 def off_course(limits: AlarmLimits, side: float = 1.0) -> Stepped:
@@ -77,7 +77,7 @@ class RudderHistory:
     def __init__(self) -> None:
         self.times, self.angles, self.commands, self.ticks = [0.0] * 1024, [0.0] * 1024, [math.nan] * 1024, 0
 
-    def until(self, seen: MonitorInput) -> rudder_following.History:
+    def until(self, seen: MonitorInput) -> History:
         """Return the history with a tick more."""
         place, self.ticks = self.ticks % 1024, self.ticks + 1
         self.times[place], self.angles[place] = seen.now, seen.state.rudder
@@ -116,7 +116,7 @@ class Answering(Stepped):
     """The rudder-response monitor: headings are heard, then a tick is seen."""
 
     def __init__(self, noise: float, rudder_rate: float = math.inf) -> None:
-        super().__init__(self._seen, rudder_watch.UNJUDGED)
+        super().__init__(self._seen, rudder_answer.UNJUDGED)
         self.limits = AlarmLimits(heading_noise=noise, rudder_rate=rudder_rate)
         self.headings, self.history = list[HeadingSample](), RudderHistory()
 
@@ -124,9 +124,9 @@ class Answering(Stepped):
         """Take a heading."""
         self.headings.append(sample)
 
-    def _seen(self, before: rudder_watch.Response, seen: MonitorInput) -> rudder_watch.Response:
+    def _seen(self, before: rudder_answer.Response, seen: MonitorInput) -> rudder_answer.Response:
         headings, self.headings = tuple(self.headings), []
-        return rudder_watch.judge_response(before, self.limits, seen, headings, self.history.until(seen))
+        return rudder_answer.judge_response(before, self.limits, seen, headings, self.history.until(seen))
 
     def found(self, seen: MonitorInput) -> str:
         """Return the alarm's name after a tick, '' for none."""

@@ -27,8 +27,7 @@ from autopilot.models.norrbin import Norrbin, at_speed_ratio, damping
 from autopilot.signals import AlarmEvent
 from autopilot.supervision import rudder_watch
 from autopilot.supervision.alarms import AT_STOP
-from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput, is_hard_over, reads_low, speed_ratio
-from autopilot.supervision.rudder_following import History
+from autopilot.supervision.monitor_input import AlarmLimits, History, MonitorInput, is_hard_over, reads_low, speed_ratio
 from autopilot.supervision.tuning import (
     ALIKE,
     AT_THE_STOP,

@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from autopilot.estimation.rudder_observer import Ring
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import HeadingSample, NavState, RateSample, RudderSample
 from autopilot.supervision.tuning import AT_THE_STOP, SPEED_DOUBT
+
+History = tuple[Ring, Ring, Ring, int]
+"""The rudder of late, in rings as `rudder_observer.RudderPast` has them: times [s], where it was then, and what we had
+commanded until then [rad], nan where somebody else steered; how many ticks there were."""
 
 
 class AlarmLimits(NamedTuple):

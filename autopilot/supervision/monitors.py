@@ -51,8 +51,7 @@ from autopilot.signals import (
 from autopilot.supervision import compass_watch, course_watch, heading_and_rate, rudder_watch
 from autopilot.supervision.alarms import CATALOGUE
 from autopilot.supervision.failsafe import WIND_FRESH
-from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
-from autopilot.supervision.rudder_following import History
+from autopilot.supervision.monitor_input import AlarmLimits, History, Measured, MonitorInput
 from autopilot.supervision.tuning import NEWS, ROLL_SECONDS
 
 TAU = 0.7

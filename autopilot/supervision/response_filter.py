@@ -1,17 +1,29 @@
-"""What the rudder-response monitor supposes of boat, sea and slide: the filter that its evidence comes from.
+"""What the rudder-response monitor supposes of boat, sea and slide, and learns of the sea: what its evidence comes of.
 
 State (psi, r, p, w): psi' = r, T r' = K (a delta + p + w) - lambda r. p [rad of rudder] is wind, trim and a rudder that
 stands anywhere, a random walk; w [rad of rudder] is the sea, w' = -w/tau + white noise. lambda = n1 + n2 r + n3 r^2 at
 the rate that is, so that the answers to the rudder and to all else add up. A compass shows psi.
 
-A hull also slides: sway, and the way that it loses as it turns, brake it in a long turn by up to a few times what the
-model's damping is worth. That is one more input, the own damping delayed as the slide is (`slide_step`), times a share
-c >= 0. c is estimated over a time constant, with a prior of variance U^2 about zero; and U^2 itself is what the boat
-has shown: of both = sum y g/v and squares = sum g^2/v, y = c g + noise of variance v, E[both^2] = c^2 squares^2 +
-squares, half of it where both > 0. So a boat that has sailed a turn without a slide has no share for one (an empirical
-Bayes estimate, Robbins 1956). A slide comes after the turn has begun: what a turn shows counts SLIDE_LASTS time
-constants later.
+What the answer leaves over is summed in blocks, too, with its spectrum learnt: so that a sea is weighed as it is.
 
+A boat that answers leaves d, what sea, wind and gusts do; one that does not leaves d and what it was ordered, L d, the
+loop's own answer to d. By a filter that supposes a spectrum F of d, and with S = 1/(1 + L) what the loop leaves of d,
+a healthy boat shows evidence against its rudder of
+
+    1/2 integral (D/F) (1 - |S|^2) df    a second,
+
+D being the true spectrum of d. Where D/F is the same everywhere that is never positive: the integral of log |S|^2 is 0
+(Bode 1945), and 1 - x <= -log x. Where D is larger than F just where the rudder works, in a gust or in a narrow swell
+that is quicker or slower than supposed, a healthy rudder is accused. So F must be D in its shape: it is learnt.
+
+The innovations and the answers of a filter that supposes a slight sea, over their standard deviation, are summed over
+blocks. Of what the usual share of the answer leaves, the covariances of up to four blocks are kept, while nothing is
+suspect; the predictor of each block from the four before it, and its variance, follow by Levinson's recursion. The same
+predictor is taken from innovation and answers alike, and what is then left of a boat that answers is white: a fault is
+weighed in the sea that was there before it.
+
+Sources: Bode 1945, Network Analysis and Feedback Amplifier Design; Levinson 1947; Ljung 1999, System Identification,
+section 13.4: in a closed loop the answer to an input is found without bias where the noise has a model of its own.
 Scalar functions over NamedTuples, compiled by `sitl.compiled` as they are. Pure.
 """
 
@@ -20,26 +32,28 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from autopilot.angles import shortest_turn
-from autopilot.estimation.tuning import SLIDE_LASTS, SLIDE_UNKNOWN, WAVE_FREQUENCY_LEAST
+from autopilot.angles import PI, wrap
+from autopilot.estimation.tuning import WAVE_FREQUENCY_LEAST
 from autopilot.models.norrbin import Norrbin
-from autopilot.signals import NavState
 from autopilot.supervision.tuning import (
     ANSWERS_MOST,
-    CHANGED_LEAST,
-    CHANGED_TIME,
+    BLOCK_S,
     FADES_TIME,
-    OWN_UNKNOWN,
-    PUSH_CHANGE,
-    ROUGH,
-    ROUGH_TIME,
-    SEA_LASTS,
-    SEA_LEAST,
+    GUST,
+    LITTLE,
+    MOST_OF_BLOCK,
+    OUTLIER,
+    OUTLIERS_MOST,
+    REVERSED_SHARE,
+    SEA_SLIGHT,
     SEA_SLOWEST,
-    SEA_TURNED,
-    SEA_UNMET,
-    SLIDE_SURE,
-    USUAL_TIME,
+    SPECTRUM_FIRST,
+    SPECTRUM_LEAST,
+    SPECTRUM_SURE,
+    SPECTRUM_TIME,
+    TAILS,
+    UNEXPLAINED,
+    UNEXPLAINED_TIME,
 )
 
 SEA_KNOWN_S = 2.0 * math.pi / WAVE_FREQUENCY_LEAST
@@ -80,126 +94,6 @@ PUSH_UNKNOWN = math.radians(20.0) ** 2
 Means = tuple[Mean, Mean, Mean, Mean, Mean]
 """Of the heading without a rudder [rad], and of what adds to it: the rudder, a late one, what brakes a boat that
 slides, a slow rudder."""
-
-
-class Seaway(NamedTuple):
-    """What a boat has met: at `time` [s], nan: nothing yet, `swing` [rad] the largest yaw by waves of the last
-    SEA_LASTS, `north` and `east` the mean of the headings of the last SEA_KNOWN_S, as unit vectors; `begun` [s]:
-    since when it is estimated."""
-
-    time: float
-    swing: float
-    north: float
-    east: float
-    begun: float
-
-
-NO_SEAWAY = Seaway(math.nan, 0.0, 0.0, 0.0, math.nan)
-
-
-def seaway_step(before: Seaway, time: float, heading: float, swing: float) -> Seaway:
-    """Return what has been met by `time` [s] with waves that yaw the boat by `swing` [rad] on a `heading` [rad]."""
-    north, east = math.cos(heading), math.sin(heading)
-    last, largest, mean_north, mean_east, begun = before
-    if last != last:
-        return Seaway(time, swing, north, east, begun if begun == begun else time)
-    kept = math.exp(-(time - last) / SEA_KNOWN_S)
-    largest *= math.exp(-(time - last) / SEA_LASTS)
-    return Seaway(
-        time,
-        largest if largest > swing else swing,
-        north + kept * (mean_north - north),
-        east + kept * (mean_east - east),
-        begun,
-    )
-
-
-def counts_as_course(seaway: Seaway, now: float, holds_course: bool) -> bool:
-    """Return whether a rudder is judged at `now` [s] as on a course that is held: in a turn too as long as it is not
-    known how large the sea is, which may be what keeps the boat from turning."""
-    return holds_course or not now - seaway.begun >= SEA_KNOWN_S
-
-
-def sea_of(model: Norrbin, swing: float, pace: float) -> float:
-    """Return the sea [rad^2 of rudder] that yaws the boat by `swing` [rad] at its pace [1/s]."""
-    yaw, lag = swing * pace / model.gain, pace * model.time_constant
-    sea = yaw * yaw * (1.0 + lag * lag)
-    return sea if sea > SEA_LEAST else SEA_LEAST
-
-
-def seaway_noise(model: Norrbin, heading: float, state: NavState, seaway: Seaway, worked: float, unmet: float) -> Noise:
-    """Return the noise of a boat in this `state`, with a compass of `heading` [rad^2]; where it has turned away from
-    where the sea was estimated, of that one, the largest that has been met, and one that nobody has met yet, at the
-    slowest pace, the one that pushes hardest. A sea from right ahead or astern turns no boat, until it leaves that
-    course.
-
-    worked [rad^2]: the mean square of a rudder that works against the sea. The yaw that is left is less than the sea is
-    worth then, and the rudder of a boat that is quicker than the waves makes up for it. unmet: see `Noise`.
-    """
-    drive, frequency = model.gain / model.time_constant, state.wave_frequency
-    pace = frequency if frequency > SEA_SLOWEST else SEA_SLOWEST
-    sea = sea_of(model, state.wave_deviation, pace)
-    swing = seaway.swing if seaway.swing > SEA_UNMET else SEA_UNMET
-    largest = sea_of(model, swing, SEA_SLOWEST)
-    if largest > sea and abs(shortest_turn(math.atan2(seaway.east, seaway.north), state.heading)) > SEA_TURNED:
-        sea, pace = largest, SEA_SLOWEST
-    return Noise(heading, drive * drive * ROUGH * ROUGH_TIME, PUSH_CHANGE, sea + worked, pace, unmet)
-
-
-def changing_noise(model: Norrbin, noise: Noise, rate: float, speed: float) -> Noise:
-    """Return the noise of a boat that turns at `rate` [rad/s] and goes at another speed than the `speed` [m/s] of late.
-
-    n3 ~ 1/U^2 and n2 ~ 1/U, and a speed that is measured late or seldom is off by what it has changed by: a boat that
-    loses way in a hard turn is braked by more than its rudder, and turns slower against it. What a course-unstable boat
-    does by itself nearly balances its rudder in a slow turn, and a little of it decides which way it goes.
-    """
-    change, own = abs(model.reference_speed / speed - 1.0), 0.0
-    if model.n1 < 0.0:
-        own = OWN_UNKNOWN * abs(model.n1 * rate)
-    elif change < CHANGED_LEAST:
-        return noise
-    unknown = (own + change * abs((2.0 * model.n3 * rate + model.n2) * rate * rate)) / model.time_constant
-    acceleration = noise.acceleration + unknown * unknown * CHANGED_TIME
-    return Noise(noise.heading, acceleration, noise.push, noise.sea, noise.pace, noise.unmet)
-
-
-Slide = tuple[float, float, float, float, float, float]
-"""What a boat has shown of its slide: both, squares, lately, lately_sure, shown, sure. both and squares: sums of what
-is left over times the slide's answer, and of the answer's square, over the variance, of a time constant; lately and
-lately_sure: sums for the share's mean square and its weight, of a turn that may be going on; shown and sure: of those
-before."""
-NO_SLIDE: Slide = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def slide_share(slide: Slide) -> float:
-    """Return how many times its own damping the boat is braked by."""
-    (both, squares, _, _, shown, sure), prior = slide, SLIDE_SURE * SLIDE_SURE
-    usual = (shown + SLIDE_UNKNOWN * SLIDE_UNKNOWN * prior) / (sure + prior)
-    return 0.0 if usual <= 0.0 or both <= 0.0 else both * usual / (squares * usual + 1.0)
-
-
-def slide_learnt(before: Slide, model: Norrbin, seen: tuple[float, float, float], dt: float, learns: bool) -> Slide:
-    """Return what is known after a heading of which the answers but the slide's leave so much [rad], the slide's own
-    answer being so large [rad], with a variance [rad^2] of the innovation: `seen`. learns: nothing is suspect."""
-    left, answer, variance = seen
-    both, squares, lately, lately_sure, shown, sure = before
-    changes = model.time_constant if model.time_constant < FADES_TIME else FADES_TIME
-    fresh = -math.expm1(-dt / changes)
-    both += left * answer / variance - fresh * both
-    squares += answer * answer / variance - fresh * squares
-    if not learns:
-        return both, squares, lately, lately_sure, shown, sure
-    # half of white noise lies to the side that is no slide
-    square = both * both if both > 0.0 else 0.0
-    passed, remembered = -math.expm1(-dt / (SLIDE_LASTS * model.time_constant)), math.exp(-dt / USUAL_TIME)
-    return (
-        both,
-        squares,
-        lately - passed * lately + fresh * (square - 0.5 * squares),
-        lately_sure - passed * lately_sure + fresh * squares * squares,
-        remembered * shown + passed * lately,
-        remembered * sure + passed * lately_sure,
-    )
 
 
 def transition_of(model: Norrbin, rate: float, pace: float, dt: float) -> Transition:
@@ -318,3 +212,232 @@ def unlike(off: float, s: float, s_slow: float, opposite: float) -> float:
     left = ahead - least if ahead < least else ahead - most if ahead > most else 0.0
     by_slow = off - s_slow
     return left * left if left * left < by_slow * by_slow else by_slow * by_slow
+
+
+OUTLIER_SQUARE = OUTLIER * OUTLIER
+"""Beyond so many variances a heading is left out."""
+
+Block = tuple[float, float, float, float]
+"""Innovation, answers to the rudder, in time and late, and to what brakes a boat that slides [standard deviations]."""
+EMPTY: Block = (0.0, 0.0, 0.0, 0.0)
+Covariances = tuple[float, float, float, float, float]
+"""Of blocks no, one, two, three and four apart."""
+FORGOTTEN = math.exp(-SEA_KNOWN_S / SPECTRUM_TIME)
+SPECTRUM_KNOWN = FORGOTTEN * SPECTRUM_SURE + (1.0 - FORGOTTEN) / (1.0 - math.exp(-BLOCK_S / SPECTRUM_TIME))
+"""So many blocks, faded, are learnt of a sea by when its size is estimated, too."""
+REFLECTED_MOST = 0.98
+"""A swell whose waves die away no slower than by 2 % a block."""
+
+
+Spectrum = tuple[float, float, Block, tuple[Block, Block, Block, Block], Covariances, float, Covariances, float]
+"""begun, many, sums, past, sums_apart, weight, lately, lately_weight. begun [s]: the first heading of the block that is
+going on, many: how many it has, sums: of theirs; past: the last four blocks, the newest first; sums_apart and weight:
+what the usual share of the answer left, its products with what it left so many blocks before, and how many there were;
+lately and lately_weight: the same since there was no evidence of a fault last, which is not learnt yet."""
+
+
+NOTHING_LATELY: Covariances = (0.0, 0.0, 0.0, 0.0, 0.0)
+NO_SPECTRUM: Spectrum = (
+    math.nan, 0.0, EMPTY, (EMPTY, EMPTY, EMPTY, EMPTY), SPECTRUM_FIRST, SPECTRUM_SURE, NOTHING_LATELY, 0.0,
+)  # fmt: skip
+
+
+def strength(spectrum: Spectrum) -> float:
+    """Return how many times the supposed sea's variance that of a block is, 1 at least."""
+    _, _, _, _, apart, weight, _, _ = spectrum
+    found = (apart[0] + SPECTRUM_LEAST) / (weight + SPECTRUM_LEAST)
+    return found if found > 1.0 else 1.0
+
+
+def summed(before: Spectrum, time: float, seen: Block, variance: float) -> tuple[Spectrum, bool]:
+    """Return the same with what is `seen` [rad] at `time` [s], the innovation's variance being so large [rad^2], and
+    whether the block is whole."""
+    begun, many, (off, s, late, braked), past, apart, weight, lately, lately_weight = before
+    root, begun = 1.0 / math.sqrt(variance), time if many == 0.0 else begun
+    sums = (off + root * seen[0], s + root * seen[1], late + root * seen[2], braked + root * seen[3])
+    # half a tick's jitter is no more than that
+    return (begun, many + 1.0, sums, past, apart, weight, lately, lately_weight), time - begun > BLOCK_S - 0.01
+
+
+def emptied(before: Spectrum) -> Spectrum:
+    """Return the same without the block that is going on."""
+    _, _, _, past, apart, weight, lately, lately_weight = before
+    return math.nan, 0.0, EMPTY, past, apart, weight, lately, lately_weight
+
+
+def whitened(before: Spectrum, share: float) -> tuple[Block, float, Spectrum]:
+    """Return what of a whole block the four before it did not predict, its variance, and what is known after it.
+    share: of the answer that the boat usually has."""
+    _, many, (off, s, late, braked), past, apart, weight, lately, lately_weight = before
+    root, (one, two, three, four) = 1.0 / math.sqrt(many), past
+    now = (root * off, root * s, root * late, root * braked)
+    a1, a2, a3, a4, variance = predictor(apart, weight)
+    off, s, late, braked = (
+        now[0] - a1 * one[0] - a2 * two[0] - a3 * three[0] - a4 * four[0],
+        now[1] - a1 * one[1] - a2 * two[1] - a3 * three[1] - a4 * four[1],
+        now[2] - a1 * one[2] - a2 * two[2] - a3 * three[2] - a4 * four[2],
+        now[3] - a1 * one[3] - a2 * two[3] - a3 * three[3] - a4 * four[3],
+    )
+    left = now[0] - share * now[1] - now[3]
+    lately = (
+        lately[0] + left * left,
+        lately[1] + left * (one[0] - share * one[1] - one[3]),
+        lately[2] + left * (two[0] - share * two[1] - two[3]),
+        lately[3] + left * (three[0] - share * three[1] - three[3]),
+        lately[4] + left * (four[0] - share * four[1] - four[3]),
+    )
+    after = math.nan, 0.0, EMPTY, (now, one, two, three), apart, weight, lately, lately_weight + 1.0
+    return (off, s, late, braked), variance, after
+
+
+def learnt(before: Spectrum) -> Spectrum:
+    """Return the same where there is no evidence of a fault: none had begun until now, and what was left lately is the
+    sea's."""
+    begun, many, sums, past, apart, weight, lately, more = before
+    kept = math.exp(-BLOCK_S * more / SPECTRUM_TIME)
+    apart = (
+        kept * apart[0] + lately[0],
+        kept * apart[1] + lately[1],
+        kept * apart[2] + lately[2],
+        kept * apart[3] + lately[3],
+        kept * apart[4] + lately[4],
+    )
+    return begun, many, sums, past, apart, kept * weight + more, NOTHING_LATELY, 0.0
+
+
+def predictor(apart: Covariances, weight: float) -> tuple[float, float, float, float, float]:
+    """Return how much of each of the four blocks before is in the next, and the variance of what is not, by Levinson's
+    recursion. SPECTRUM_LEAST blocks of white noise are supposed beside those that were seen."""
+    total = weight + SPECTRUM_LEAST
+    r0, r1, r2 = (apart[0] + SPECTRUM_LEAST) / total, apart[1] / total, apart[2] / total
+    r3, r4 = apart[3] / total, apart[4] / total
+    a1 = _reflected(r1 / r0)
+    left = r0 * (1.0 - a1 * a1)
+    k = _reflected((r2 - a1 * r1) / left)
+    a1, a2, left = a1 - k * a1, k, left * (1.0 - k * k)
+    k = _reflected((r3 - a1 * r2 - a2 * r1) / left)
+    a1, a2, a3, left = a1 - k * a2, a2 - k * a1, k, left * (1.0 - k * k)
+    k = _reflected((r4 - a1 * r3 - a2 * r2 - a3 * r1) / left)
+    return a1 - k * a3, a2 - k * a2, a3 - k * a1, k, left * (1.0 - k * k)
+
+
+def _reflected(k: float) -> float:
+    """Return a reflection coefficient within what a spectrum can have: products that fade are not quite one's."""
+    return REFLECTED_MOST if k > REFLECTED_MOST else k if k > -REFLECTED_MOST else -REFLECTED_MOST
+
+
+class Blocks(NamedTuple):
+    """What is known in the sea that was learnt. In a slight sea covariance and means; spectrum: of what is left; how
+    much likelier it is that the rudder is stuck than that the boat answers, in time and late, and that it is reversed;
+    unexplained: squares that no answer explains; outliers: how many of the last headings were."""
+
+    covariance: Covariance
+    means: Means
+    spectrum: Spectrum
+    stuck: float
+    stuck_late: float
+    reversed: float
+    reversed_late: float
+    unexplained: float
+    outliers: int
+
+
+def first_blocks(noise: Noise, heading: float) -> Blocks:
+    """Return what is known after the first heading [rad]."""
+    covariance = first_covariance(noise.heading, SEA_SLIGHT)
+    return Blocks(covariance, first_means(heading), NO_SPECTRUM, 0.0, 0.0, 0.0, 0.0, 1.0, 0)
+
+
+def likelier(evidence: float, square: float, other: float, variance: float, most: float) -> float:
+    """Return the `evidence` with what a block adds, `most` at most, of which one answer leaves a `square` and the other
+    one another: how much likelier the other is, both over the variance as Student's t."""
+    more = 0.5 * (TAILS + 1.0) * math.log((TAILS * variance + square) / (TAILS * variance + other))
+    evidence += most if more > most else more
+    return evidence if evidence > 0.0 else 0.0
+
+
+def blocks_step(
+    before: Blocks,
+    moves: Transition,
+    noise: Noise,
+    rudders: tuple[float, float, float, float],
+    newest: tuple[float, float, float],
+    by_headings: tuple[float, float, float, bool],
+) -> Blocks:
+    """Return what is known after the `newest` heading [rad], at a time [s] and so long [s] after the one before, in a
+    slight sea, whatever sea there is: how that differs is learnt. moves: of the boat, in any sea; rudders: as
+    `foreseen` has them; by_headings: the least of the model's answer of a boat that answers, the usual one, how much
+    this one slides, and whether a fault may have begun, so that what is left may be no sea's."""
+    known, means, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = before
+    (time, dt, heading), (least, usual, slides, is_suspect) = newest, by_headings
+    is_gust = unexplained > UNEXPLAINED
+    turn, drift, decay, gain, _ = moves
+    step, push = (turn, drift, decay, gain, math.exp(-SEA_SLOWEST * dt)), noise.push + GUST if is_gust else noise.push
+    noises = noise.heading, noise.acceleration, push, SEA_SLIGHT
+    covariance, gains, known, means = foreseen(step, known, means, rudders, noises, dt)
+    variance = gains[0]
+    mean, answer, late, slide, slow = means
+    off, s, s_late = heading - mean[0], answer[0], late[0]
+    off = off if -PI < off <= PI else wrap(off)
+    square = unlike(off, s, slow[0], ANSWERS_MOST) / (variance * strength(spectrum))
+    is_left_out = square > OUTLIER_SQUARE and outliers < OUTLIERS_MOST
+    if is_left_out:
+        known = covariance
+    else:
+        square = OUTLIER_SQUARE if square > OUTLIER_SQUARE else square
+        unexplained += (1.0 - math.exp(-dt / UNEXPLAINED_TIME)) * (square - unexplained)
+        spectrum, is_whole = summed(spectrum, time, (off, s, s_late, slides * slide[0]), variance)
+        if is_whole:
+            evidence, spectrum = weighed(
+                (stuck, stuck_late, wrong, wrong_late), spectrum, (least, usual), (is_gust, is_suspect)
+            )
+            stuck, stuck_late, wrong, wrong_late = evidence
+        means = all_corrected(gains, means, off)
+    outliers = outliers + 1 if is_left_out else 0
+    return Blocks(known, means, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers)
+
+
+def weighed(
+    evidence: tuple[float, float, float, float],
+    spectrum: Spectrum,
+    shares: tuple[float, float],
+    shown: tuple[bool, bool],
+) -> tuple[tuple[float, float, float, float], Spectrum]:
+    """Return the `evidence` of `Blocks`, that the rudder is stuck and reversed, with what a whole block adds to it, and
+    what is known of the sea then. shares: the least of the model's answer and the usual one; shown: a heading showed a
+    gust, and headings make a fault suspect."""
+    (stuck, stuck_late, wrong, wrong_late), (least, usual), (is_gust, is_suspect) = evidence, shares, shown
+    (z, x, x_late, braked), left, spectrum = whitened(spectrum, usual)
+    kept = math.exp(-BLOCK_S / FADES_TIME)
+    some, some_late = z - least * x - braked, z - least * x_late
+    opposite, opposite_late = z - REVERSED_SHARE * x, z - REVERSED_SHARE * x_late
+    # while a gust sets in nothing that the rudder does against it is evidence; one that sets in gently, or turns a
+    # slow boat, shows in no single heading but in the block
+    now = spectrum[3][0]
+    is_gust = is_gust or unlike(now[0], now[1], math.inf, ANSWERS_MOST) > UNEXPLAINED * strength(spectrum)
+    most = 0.0 if is_gust else MOST_OF_BLOCK
+    stuck = likelier(kept * stuck, some * some, z * z, left, most)
+    stuck_late = likelier(kept * stuck_late, some_late * some_late, z * z, left, most)
+    wrong = likelier(kept * wrong, some * some, opposite * opposite, left, most)
+    wrong_late = likelier(kept * wrong_late, some_late * some_late, opposite_late * opposite_late, left, most)
+    # cumulative sums that are nothing say that no fault has begun until now. In blocks alone a rudder that runs off by
+    # itself looks like a gust at first; by headings a sea looks like a fault that is not known yet
+    is_doubted = is_suspect and spectrum[5] > SPECTRUM_KNOWN
+    spectrum = learnt(spectrum) if stuck < LITTLE and wrong < LITTLE and not is_doubted else spectrum
+    return (stuck, stuck_late, wrong, wrong_late), spectrum
+
+
+def no_more_blocks(before: Blocks, after: Blocks) -> Blocks:
+    """Return `after` with no more evidence against the rudder than `before`."""
+    known, means, spectrum, stuck, stuck_late, wrong, wrong_late, unexplained, outliers = after
+    return Blocks(
+        known,
+        means,
+        emptied(spectrum),
+        min(before.stuck, stuck),
+        min(before.stuck_late, stuck_late),
+        min(before.reversed, wrong),
+        min(before.reversed_late, wrong_late),
+        unexplained,
+        outliers,
+    )

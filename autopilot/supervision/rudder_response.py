@@ -12,11 +12,19 @@ Of a boat that answers and slides in its turn nu - a s - c g is left: g is the a
 is estimated from the headings before, none where the boat has sailed turns without a slide. A boat that turns against
 its rudder, or on with it where the rudder has come back, is none that is braked: that counts in full.
 
+A hull also slides: sway, and the way that it loses as it turns, brake it in a long turn by up to a few times what the
+model's damping is worth. That is one more input, the own damping delayed as the slide is (`slide_step`), times a share
+c >= 0. c is estimated over a time constant, with a prior of variance U^2 about zero; and U^2 itself is what the boat
+has shown: of both = sum y g/v and squares = sum g^2/v, y = c g + noise of variance v, E[both^2] = c^2 squares^2 +
+squares, half of it where both > 0. So a boat that has sailed a turn without a slide has no share for one (an empirical
+Bayes estimate, Robbins 1956). A slide comes after the turn has begun: what a turn shows counts SLIDE_LASTS time
+constants later.
+
 A gust that sets in, or ends, as the rudder moves the other way turns the boat as a reversed rudder would. So a push
 that may have begun with the evidence is one more explanation: where it is likelier than any fault nothing is evidence.
 
 A sea other than the one that is estimated accuses a healthy rudder, as the rudder follows it. So the same is weighed in
-the sea as it was learnt, too (`response_spectrum`): a verdict takes both together, and something of each. In a turn it
+the sea as it was learnt, too (`blocks_step`): a verdict takes both together, and something of each. In a turn it
 takes less: there the order moves the rudder, and not the sea. But until the sea is known what keeps a boat from turning
 may be a sea that is larger than supposed, and a turn is judged as a course is (`counts_as_course`). What a turn tells
 from its beginning on, which needs no sea that is known so well, is a verdict of its own (`since_turning`).
@@ -29,42 +37,35 @@ NamedTuples, compiled by `sitl.compiled` as they are. Pure.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
+from autopilot.estimation.tuning import SLIDE_LASTS, SLIDE_UNKNOWN
 from autopilot.models.norrbin import Norrbin
 from autopilot.supervision.response_filter import (
-    NO_SLIDE,
     NOTHING,
+    OUTLIER_SQUARE,
+    Blocks,
     Covariance,
     Gains,
     Mean,
     Means,
     Noise,
-    Slide,
     Transition,
     all_corrected,
-    first_covariance,
-    first_means,
-    foreseen,
-    slide_learnt,
-    slide_share,
-    transition_of,
-    unlike,
-)
-from autopilot.supervision.response_spectrum import (
-    OUTLIER_SQUARE,
-    Blocks,
     blocks_step,
     emptied,
     first_blocks,
+    first_covariance,
+    first_means,
+    foreseen,
     no_more_blocks,
+    transition_of,
+    unlike,
 )
 from autopilot.supervision.tuning import (
     ANSWERS_MOST,
-    COLOUR_KNOWN,
     COLOUR_TIME,
-    DOUBTED,
     FADES_SLOW,
     FADES_TIME,
     GUST,
@@ -80,13 +81,9 @@ from autopilot.supervision.tuning import (
     MISFIT_TIME,
     MOST_AT_ONCE,
     OUTLIERS_MOST,
-    PUSHED_SIGMAS,
     QUICK,
     REVERSED_SHARE,
-    SURE,
-    SURE_OTHER,
-    SURE_SINCE,
-    SURE_TURNING,
+    SLIDE_SURE,
     SUSPECT,
     UNEXPLAINED,
     UNEXPLAINED_TIME,
@@ -97,6 +94,45 @@ from autopilot.supervision.tuning import (
 
 WEAK, STRONG = LEAST[0], ANSWERS_MOST
 """The least and the most that a boat answers whose rudder is not slow."""
+
+
+Slide = tuple[float, float, float, float, float, float]
+"""What a boat has shown of its slide: both, squares, lately, lately_sure, shown, sure. both and squares: sums of what
+is left over times the slide's answer, and of the answer's square, over the variance, of a time constant; lately and
+lately_sure: sums for the share's mean square and its weight, of a turn that may be going on; shown and sure: of those
+before."""
+NO_SLIDE: Slide = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def slide_share(slide: Slide) -> float:
+    """Return how many times its own damping the boat is braked by."""
+    (both, squares, _, _, shown, sure), prior = slide, SLIDE_SURE * SLIDE_SURE
+    usual = (shown + SLIDE_UNKNOWN * SLIDE_UNKNOWN * prior) / (sure + prior)
+    return 0.0 if usual <= 0.0 or both <= 0.0 else both * usual / (squares * usual + 1.0)
+
+
+def slide_learnt(before: Slide, model: Norrbin, seen: tuple[float, float, float], dt: float, learns: bool) -> Slide:
+    """Return what is known after a heading of which the answers but the slide's leave so much [rad], the slide's own
+    answer being so large [rad], with a variance [rad^2] of the innovation: `seen`. learns: nothing is suspect."""
+    left, answer, variance = seen
+    both, squares, lately, lately_sure, shown, sure = before
+    changes = model.time_constant if model.time_constant < FADES_TIME else FADES_TIME
+    fresh = -math.expm1(-dt / changes)
+    both += left * answer / variance - fresh * both
+    squares += answer * answer / variance - fresh * squares
+    if not learns:
+        return both, squares, lately, lately_sure, shown, sure
+    # half of white noise lies to the side that is no slide
+    square = both * both if both > 0.0 else 0.0
+    passed, remembered = -math.expm1(-dt / (SLIDE_LASTS * model.time_constant)), math.exp(-dt / USUAL_TIME)
+    return (
+        both,
+        squares,
+        lately - passed * lately + fresh * (square - 0.5 * squares),
+        lately_sure - passed * lately_sure + fresh * squares * squares,
+        remembered * shown + passed * lately,
+        remembered * sure + passed * lately_sure,
+    )
 
 
 Rudders = tuple[float, float, float, float, float]
@@ -542,140 +578,3 @@ def _by_itself(means: Means, share: float) -> Means:
     (psi, r, p, w), (psi_1, r_1, p_1, w_1), _, _, _ = means
     own = psi + share * psi_1, r + share * r_1, p + share * p_1, w + share * w_1
     return own, NOTHING, NOTHING, NOTHING, NOTHING
-
-
-Evident = TypeVar("Evident", ResponseState, Blocks)
-
-
-def acquitted(response: ResponseState) -> ResponseState:
-    """Return the same with no more evidence against the rudder, in both seas together, than makes as much again as was
-    a doubt a verdict: on the course that is held behind a trial, and by headings, in each of both, in a turn."""
-    most = 0.5 * (SURE[0] - DOUBTED)
-    return _at_most(response, most)._replace(blocks=_at_most(response.blocks, most))
-
-
-def _at_most(known: Evident, most: float) -> Evident:
-    return known._replace(
-        stuck=min(known.stuck, most),
-        stuck_late=min(known.stuck_late, most),
-        reversed=min(known.reversed, most),
-        reversed_late=min(known.reversed_late, most),
-    )
-
-
-def verdict(response: ResponseState, sure: tuple[float, float, float]) -> int:
-    """Return 0 where the boat answers or nothing tells, 1 where it does not, -1 where it answers to the opposite. sure:
-    so much evidence together, by headings, and by blocks is `enough`.
-
-    A boat that turns against its rudder shows as soon that it does not answer, as each heading adds no more than
-    MOST_AT_ONCE to either. Which of the two it is, the share of the answer tells that explains most since then.
-    """
-    together, headings, blocks = sure
-    if response.stuck < headings and response.reversed < headings:
-        return 0
-    (stuck, wrong), (stuck_too, wrong_too) = by_headings(response), by_blocks(response)
-    is_wrong = wrong >= headings and wrong_too >= blocks and wrong + wrong_too >= together
-    if not is_wrong and not (stuck >= headings and stuck_too >= blocks and stuck + stuck_too >= together):
-        return 0
-    return _which(response)
-
-
-def turned_verdict(response: ResponseState, added: Three) -> int:
-    """Return the same by what a turn has `added` up since its beginning."""
-    return _which(response) if added[0] >= SURE_SINCE and added[1] >= SURE_SINCE and added[2] >= SURE_SINCE else 0
-
-
-def _which(response: ResponseState) -> int:
-    both, squares = response.since
-    return -1 if both < -0.5 * squares else 1
-
-
-def by_headings(response: ResponseState) -> tuple[float, float]:
-    """Return how much likelier it is, heading by heading in the sea that is estimated, that the rudder is stuck than
-    that the boat answers, and that it is reversed; less where the sea is another."""
-    colour = response.usual_colour / COLOUR_KNOWN
-    known = 1.0 / colour if colour > 1.0 else 1.0
-    stuck, late, wrong, wrong_late = response.stuck, response.stuck_late, response.reversed, response.reversed_late
-    return known * (stuck if stuck < late else late), known * (wrong if wrong < wrong_late else wrong_late)
-
-
-def by_blocks(response: ResponseState) -> tuple[float, float]:
-    """Return the same in the sea that was learnt."""
-    blocks = response.blocks
-    stuck, late, wrong, wrong_late = blocks.stuck, blocks.stuck_late, blocks.reversed, blocks.reversed_late
-    return stuck if stuck < late else late, wrong if wrong < wrong_late else wrong_late
-
-
-def enough(carried: float, holds_course: bool) -> tuple[float, float, float]:
-    """Return how much evidence is enough on a course, or in a turn: there what was `carried` into it counts as the same
-    share of a verdict as on the course."""
-    share = 1.0 if holds_course else carried
-    return (
-        SURE_TURNING[0] + (SURE[0] - SURE_TURNING[0]) * share,
-        SURE_TURNING[1] + (SURE[1] - SURE_TURNING[1]) * share,
-        SURE_TURNING[2] + (SURE[2] - SURE_TURNING[2]) * share,
-    )
-
-
-def carried_on(before: float, response: ResponseState, holds_course: bool, dt: float) -> float:
-    """Return what a turn carries of evidence from before it, as a share of a verdict, `dt` [s] after `before`: it fades
-    as all evidence does."""
-    if not holds_course:
-        return before * math.exp(-dt / FADES_TIME)
-    (stuck, wrong), (stuck_too, wrong_too) = by_headings(response), by_blocks(response)
-    stuck, wrong = stuck + stuck_too, wrong + wrong_too
-    share = (stuck if stuck > wrong else wrong) / SURE[0]
-    return share if share < 1.0 else 1.0
-
-
-def since_turning(before: Three, response: ResponseState, turns: bool) -> Three:
-    """Return how much likelier it is, after another heading, that the rudder has been stuck ever since a turn began;
-    nothing on a course.
-
-    A fault may begin at any time, and what is known of it is begun anew whenever the boat answers. Of a fault that was
-    there before the turn all headings tell, and a boat that has answered to its beginning is none of those, whatever
-    the sea does then: such evidence of one that works ever reaches a with a probability of exp(-a) at most (Wald 1945,
-    Ville 1939), and not once in so many headings.
-    """
-    if not turns:
-        return NOTHING_ADDED
-    (stuck, late, slow), (more, more_late, more_slow) = before, response.added
-    return stuck + more, late + more_late, slow + more_slow
-
-
-def is_doubtful(response: ResponseState) -> bool:
-    """Return whether there is some evidence that the boat does not answer, or to the opposite rudder."""
-    is_reversed = response.reversed >= DOUBTED and response.reversed_late >= DOUBTED
-    return is_reversed or (response.stuck >= DOUBTED and response.stuck_late >= DOUBTED)
-
-
-def push_at_least(response: ResponseState) -> float:
-    """Return what the boat is pushed by beside rudder and sea [rad of rudder], less `PUSHED_SIGMAS`; 0 where that
-    may be nothing. The boat is supposed to answer to its rudder as usual."""
-    mean, answer, _, _, _ = response.means
-    push = mean[2] + response.usual / response.shown * answer[2]
-    uncertain = PUSHED_SIGMAS * math.sqrt(max(response.covariance[7], 0.0))
-    return math.copysign(max(abs(push) - uncertain, 0.0), push)
-
-
-FILED, QUICKER, SLOW_RUDDER, LIVELIER = 0, 1, 2, 3
-"""What boat and rudder turn out to be: the file's as far as anything tells, a boat that turns as none of the model, a
-slow rudder, or a boat that turns more than the model allows for. Of several the first counts."""
-
-
-def other_verdict(others: Others) -> int:
-    """Return what boat and rudder turn out to be."""
-    if (
-        others.right >= SURE_OTHER
-        and others.weak >= SURE_OTHER
-        and others.strong >= SURE_OTHER
-        and others.late >= SURE_OTHER
-    ):
-        return SLOW_RUDDER
-    quick, lively = others.quick, others.lively
-    if quick[0] < SURE_OTHER and lively[0] < SURE_OTHER:
-        return FILED
-    sure = SURE_OTHER * max(others.colour, 1.0)
-    if quick[0] >= sure and quick[1] >= sure:
-        return QUICKER
-    return LIVELIER if lively[0] >= sure and lively[1] >= sure else FILED

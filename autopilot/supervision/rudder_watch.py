@@ -1,329 +1,404 @@
 """The rudder watch: a rudder that does not move, does not follow, moves the wrong way, or is not enough.
 
-By its sensor and the order that the steering gear reports, and by a boat that turns against it (`rudder_following`),
-and by the answer of the boat (`rudder_response`). What it finds of boat, rudder and speed counts until we let go. Pure.
+By its sensor, or by the order that the steering gear reports: stuck, off its orders, slow, or going the wrong way. By
+a boat that does not go where its rudder is laid: pushed harder than that can hold, or run away. And by the answer of
+the boat (`rudder_answer`). What is found of boat, rudder and speed counts until we let go.
+
+A line that stalls holds orders, or angles, and delivers them late: what it may hold excuses a rudder. What the boat
+does goes by the push that the estimator learns beside the waves, and by the turns themselves. Pure.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from autopilot.angles import PI, wrap
-from autopilot.estimation.disturbance import slide_step
-from autopilot.signals import AlarmEvent, HeadingSample
+from autopilot.models.norrbin import Norrbin, steady_rudder
+from autopilot.models.steering_gear import clip
+from autopilot.signals import AlarmEvent, RudderSample
 from autopilot.supervision.monitor_input import (
     AlarmLimits,
+    History,
     Measured,
     MonitorInput,
+    is_hard_over,
     reads_low,
     speed_ratio,
 )
-from autopilot.supervision.response_filter import (
-    NO_SEAWAY,
-    SEA_KNOWN_S,
-    Seaway,
-    changing_noise,
-    counts_as_course,
-    seaway_noise,
-    seaway_step,
-)
-from autopilot.supervision.rudder_following import (
-    NO_RUNAWAY,
-    NOT_OVERPOWERED,
-    Following,
-    History,
-    Overpowered,
-    Runaway,
-    followed,
-    is_anothers,
-    overpowered_step,
-    runaway_step,
-)
-from autopilot.supervision.rudder_response import (
+from autopilot.supervision.rudder_answer import (
     FILED,
     LIVELIER,
-    NO_RESPONSE,
-    NOTHING_ADDED,
     QUICKER,
     SLOW_RUDDER,
-    ResponseState,
-    Three,
-    acquitted,
-    carried_on,
-    enough,
-    first_response,
-    is_doubtful,
-    is_suspect,
-    other_verdict,
-    push_at_least,
-    response_step,
-    since_turning,
-    taken_over,
-    turned_verdict,
+    UNJUDGED,
+    Response,
+    judge_response,
+    listened,
     verdict,
-    without_evidence,
 )
 from autopilot.supervision.tuning import (
+    AGAINST_SHARE,
+    ASSUMED_RATE,
     AT_THE_STOP,
     AT_THE_STOP_TIME,
-    CHANGED_TIME,
-    FROZEN_SAMPLES,
+    CATCHES_UP,
+    FAR,
+    HELD_PERIODS,
+    HELD_S,
+    HOLDS,
     LATE_LASTS,
-    LATE_S,
     LONGEST_GAP_S,
-    ON_COURSE,
-    PUSHED_S,
+    PATIENCE_S,
+    PROGRESS_SHARE,
+    PUSH_BEYOND,
+    REMEMBERED_S,
     REPORT_FRESH_S,
-    SEA_FIRST,
-    SEA_FIRST_TIME,
-    SLOW,
+    SETTLED,
+    SLOW_SHARE,
+    SLOW_TIME_S,
     SPEED_DOUBT,
+    STANDS,
+    STILL,
     SURE_TURNING,
+    TAKES_HOLD,
+    TOLERANCE,
     TRIAL_SAID,
-    WORKED_TIME,
+    UNSEEN_S,
+    USUAL_SHARE,
+    WAVES_REACH,
 )
 
-PAST_S = LATE_S + 2.0 * LONGEST_GAP_S
+
+class Line(NamedTuple):
+    """What a line may have held, as the rudder shows it at time [s]. usual [s]: how far apart its angles usually are;
+    stood [rad] and stood_since [s]: where it stands, and since when; off_at [s]: when it was off its order last; held
+    and unseen [s]: how late our orders, and its angles, may be; held_since [s]: since when, nan: it has followed
+    since."""
+
+    time: float = math.nan
+    usual: float = math.inf
+    stood: float = math.nan
+    stood_since: float = math.nan
+    off_at: float = -math.inf
+    held: float = 0.0
+    unseen: float = 0.0
+    held_since: float = math.nan
 
 
-class Evidence(NamedTuple):
-    """What the rudder-response monitor goes by, in numbers. since [s]: since when it is at work, nan: it is not;
-    response: what is known; seaway: the seas met; heading [rad]: the newest, and how many `same` ones there were in a
-    row; late_until [s]: until then nothing is evidence; slow [rad]: where a slow rudder would stand at slow_time [s],
-    nan where that is out of question; speed [m/s]: the model's of late; worked [rad^2]: the mean square of the
-    rudder on a course in a sea; carried: into a turn, see `carried_on`; added: by a turn, see `since_turning`."""
+def line_step(before: Line, now: float, angle: float, elapsed: float, history: History, limits: AlarmLimits) -> Line:
+    """Judge whether a line has held orders or angles, by an angle [rad] that comes at `now` [s], so long after the one
+    before, or is the first.
 
-    since: float = math.nan
-    response: ResponseState = NO_RESPONSE
-    seaway: Seaway = NO_SEAWAY
-    heading: float = math.nan
-    same: int = 0
-    late_until: float = -math.inf
-    slow_time: float = math.nan
-    slow: float = math.nan
-    speed: float = math.nan
-    slide: float = 0.0
-    worked: float = 0.0
-    carried: float = 0.0
-    added: Three = NOTHING_ADDED
-
-
-NOTHING_KNOWN = Evidence()
-
-
-def evidence_step(
-    before: Evidence,
-    limits: AlarmLimits,
-    seen: MonitorInput,
-    measured: tuple[float, float],
-    rudders: tuple[float, float],
-) -> Evidence:
-    """Return what is known after a tick and a heading [rad] `measured` at its time [s], not numbers where none came.
-    rudders [rad]: half way from the heading before to this one, and `LATE_S` earlier. Compiled as it is."""
-    (
-        since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried, added,
-    ) = before  # fmt: skip
-    (time, heading), state, now, model = measured, seen.state, seen.now, seen.model
-    since = since if since == since else now  # what is no number is not itself
-    late_until = now + LATE_LASTS if seen.is_late else late_until
-    if seen.rudder_is_measured or not math.isfinite(limits.rudder_rate):
-        slow_time, slow = math.nan, math.nan
-    elif slow_time != slow_time:
-        slow_time, slow = now, state.rudder
-    else:
-        reach, left = limits.rudder_rate / SLOW * (now - slow_time if now > slow_time else 0.0), seen.rudder - slow
-        slow_time, slow = now, slow + (-reach if left < -reach else reach if left > reach else left)
-    if heading != heading:
-        return Evidence(
-            since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried, added
-        )
-    seaway = seaway_step(seaway, now, state.heading, state.wave_deviation)
-    # in a turn the order moves the rudder, and not the sea
-    unmet = SEA_FIRST * math.exp(-(now - seaway.begun) / SEA_FIRST_TIME) if seen.holds_course else 0.0
-    noise = seaway_noise(model, limits.heading_noise, state, seaway, worked, unmet)
-    same = same + 1 if last == heading else 1
-    if same >= FROZEN_SAMPLES:
-        return Evidence(
-            since, NO_RESPONSE, seaway, heading, same, late_until, slow_time, slow, speed, slide, worked, carried,
-            NOTHING_ADDED,
-        )  # fmt: skip
-    known = response.time
-    # written so that it holds where nothing is known
-    if not time - known <= LONGEST_GAP_S:
-        response, last, speed = first_response(noise, time, heading), heading, model.reference_speed
-        added = NOTHING_ADDED
-    elif time > known:
-        fastest, rate, in_time = 2.0 * model.gain * seen.angle_max, state.rate, rudders[0]
-        rate = -fastest if rate < -fastest else fastest if rate > fastest else rate
-        speed -= math.expm1(-(time - known) / CHANGED_TIME) * (model.reference_speed - speed)
-        slide = slide_step(model, slide, rate, seen.angle_max, time - known)
-        is_usual = not is_suspect(response.stuck, response.reversed, response.blocks)
-        # a boat that is far off does not answer, or is turned: that is no work against waves
-        off = state.heading - seen.wanted
-        is_near = abs(off if -PI < off <= PI else wrap(off)) < ON_COURSE
-        if seen.holds_course and is_near and is_usual and state.wave_deviation > 0.0:
-            off = in_time + state.bias
-            worked -= math.expm1(-(time - known) / WORKED_TIME) * (off * off - worked)
-        noise = changing_noise(model, noise, rate, speed)
-        at = in_time, rudders[1], slow if slow == slow else in_time, slide, seen.weaker
-        after = response_step(response, model, noise, rate, (time, heading), at)
-        response, last = after if time > late_until else without_evidence(response, after), heading
-        as_course = counts_as_course(seaway, now, seen.holds_course)
-        carried = carried_on(carried, response, as_course, time - known)
-        added = since_turning(added, response, seen.follows and not seen.holds_course)
-    return Evidence(
-        since, response, seaway, last, same, late_until, slow_time, slow, speed, slide, worked, carried, added
-    )
-
-
-def verdict_at(evidence: Evidence, now: float, holds_course: bool) -> int:
-    """Return the `verdict` at `now` [s]: as long as the sea is not known a turn that the boat has answered to is no
-    evidence, whatever has come since."""
-    response, added = evidence.response, evidence.added
-    found = turned_verdict(response, added)
-    as_course = counts_as_course(evidence.seaway, now, holds_course)
-    if found != 0 or (as_course and not holds_course and (added[0] <= 0.0 or added[1] <= 0.0 or added[2] <= 0.0)):
-        return found
-    return verdict(response, enough(evidence.carried, as_course))
-
-
-class Response(NamedTuple):
-    """The rudder-response monitor at work. evidence: what it goes by; source: of the newest heading; held_off_since
-    [s]: a trial's push holds against its rudder; doubted_trial: that has been said of this trial, and doubts_trial: in
-    this tick; other: see `other_verdict`; verdict: see `verdict`."""
-
-    evidence: Evidence = NOTHING_KNOWN
-    source: str = ""
-    held_off_since: float = math.nan
-    doubted_trial: bool = False
-    doubts_trial: bool = False
-    other: int = FILED
-    verdict: int = 0
-
-    def but_the_sea(self, seen: MonitorInput) -> Response:
-        """Return nothing but since when the sea is estimated, which goes on where the boat's answers prove nothing."""
-        begun = self.evidence.seaway.begun
-        begun = begun if begun == begun else seen.now
-        return (
-            Response(NOTHING_KNOWN._replace(seaway=NO_SEAWAY._replace(begun=begun))) if seen.state.valid else UNJUDGED
-        )
-
-
-def judge_response(
-    before: Response, limits: AlarmLimits, seen: MonitorInput, headings: tuple[HeadingSample, ...], history: History
-) -> Response:
-    """Return what is known after a tick; the history has this tick, too."""
-    state, now = seen.state, seen.now
-    # a sum is finite only where every part of it is
-    if not (seen.steers and seen.has_way and math.isfinite(state.rate + state.rudder)):
-        return before.but_the_sea(seen)
-    evidence, source, held_off_since, doubted_trial, _, _, _ = before
-    evidence, source, earliest = _with_headings(evidence, source, limits, seen, headings, history)
-    response = evidence.response
-    # where waves are not estimated, what they do to boat and rudder together looks like a strong rudder
-    other = other_verdict(response.others) if state.wave_deviation > 0.0 else FILED
-    found = verdict_at(evidence, now, seen.holds_course)
-    if seen.follows:
-        return Response(evidence, source, math.nan, False, False, other, found)
-    is_known = not math.isnan(response.time)
-    is_held_off = is_known and now - evidence.since >= SEA_KNOWN_S and _is_held_off(response, seen, history, earliest)
-    held_off_since = (now if math.isnan(held_off_since) else held_off_since) if is_held_off else math.nan
-    is_doubted = is_doubtful(response) or now - held_off_since >= PUSHED_S
-    if not is_known or doubted_trial or not is_doubted:
-        return Response(evidence, source, held_off_since, doubted_trial, False, other, found)
-    return Response(evidence._replace(response=acquitted(response)), source, held_off_since, True, True, other)
-
-
-def listened(
-    before: Response, limits: AlarmLimits, seen: MonitorInput, measured: Measured, history: History
-) -> Response:
-    """Return what is known after a tick in which somebody else steers, with a rudder that is measured or reported: how
-    the boat turns, what pushes it, and the sea. All of it was so before our first order, and is no evidence."""
-    known, report = before.but_the_sea(seen), measured.report
-    is_shown = seen.rudder_is_measured or (report is not None and seen.now - report.time <= REPORT_FRESH_S)
-    if not (limits.rudder_response and is_shown and seen.has_way and math.isfinite(seen.state.rate)):
-        return known
-    evidence, source, _ = _with_headings(before.evidence, before.source, limits, seen, measured.headings, history)
-    if math.isnan(evidence.response.time):
-        return known
-    kept = known.evidence._replace(
-        response=taken_over(evidence.response),
-        heading=evidence.heading,
-        same=evidence.same,
-        speed=evidence.speed,
-        slide=evidence.slide,
-    )
-    return Response(kept, source)
-
-
-def _with_headings(
-    evidence: Evidence,
-    source: str,
-    limits: AlarmLimits,
-    seen: MonitorInput,
-    headings: tuple[HeadingSample, ...],
-    history: History,
-) -> tuple[Evidence, str, float]:
-    """Return what is known after a tick's headings, their source, and the first time [s] of which the rudder counts."""
-    known, now = _in_order(headings), seen.now
-    if not known:
-        evidence = evidence_step(evidence, limits, seen, NO_HEADING, NO_HEADING)
-    since = evidence.since if evidence.since == evidence.since else now
-    earliest = now - PAST_S if now - PAST_S > since else since
-    for sample in known:
-        if sample.source != source:
-            # what another compass shows does not follow on
-            evidence, source = evidence._replace(response=NO_RESPONSE), sample.source
-        middle = 0.5 * (evidence.response.time + sample.time)
-        rudders = rudder_at(history, earliest, middle), rudder_at(history, earliest, middle - LATE_S)
-        evidence = evidence_step(evidence, limits, seen, (sample.time, sample.heading), rudders)
-    return evidence, source, earliest
-
-
-UNJUDGED = Response()
-NO_HEADING = math.nan, math.nan
-
-
-def _in_order(headings: tuple[HeadingSample, ...]) -> Sequence[HeadingSample]:
-    """Return the headings that are numbers; of a burst that was read at once, and has one time, the last is the
-    newest."""
-    if len(headings) == 1 and math.isfinite(headings[0].heading + headings[0].time):
-        return headings
-    known = [each for each in headings if math.isfinite(each.heading) and math.isfinite(each.time)]
-    return sorted({each.time: each for each in known}.values(), key=lambda each: each.time)
-
-
-def rudder_at(history: History, earliest: float, time: float) -> float:
-    """Return the rudder [rad] at `time` [s], no earlier than that: each is that of the end of its tick.
-
-    As `rudder_observer.angle_from`, by bisection: at 100 ticks a second `LATE_S` is many of them.
+    Where the rudder stood while its orders moved they may be late by as long. Where it was not seen for much longer
+    than usual both may be: both ways may stall. A line catches up; and a rudder that has not followed since is excused
+    by nothing that comes later: one that is reversed stands at each turn of its order. Where we let go meanwhile what
+    is still held may be as old as anything.
     """
-    times, angles, _, ticks = history
-    newest, time = (ticks - 1) & (len(times) - 1), earliest if time < earliest else time
-    if times[newest] < time:
-        return angles[newest]
-    if times[0] < time or ticks <= len(times):
-        return angles[bisect_left(times, time, 0, newest + 1)]
-    place = bisect_left(times, time, newest + 1)
-    return angles[place if place < len(times) else 0]
+    time, usual, stood, stood_since, off_at, held, unseen, held_since = before
+    if not abs(angle - stood) <= STILL:
+        stood, stood_since = angle, now
+    caught_up = CATCHES_UP * (now - time if now > time else 0.0)
+    held, unseen = max(held - caught_up, 0.0), max(unseen - caught_up, 0.0)
+    if now - off_at > held + unseen:
+        held = unseen = 0.0
+    if now - off_at > HELD_S:
+        held_since = math.nan
+    if elapsed == math.inf:
+        return Line(now, usual, stood, stood_since, now, HELD_S if held > 0.0 else 0.0, unseen, held_since)
+    unusual, stands = max(HELD_PERIODS * usual, UNSEEN_S), min(now - stood_since, HELD_S)
+    is_gap = elapsed > unusual
+    usual = elapsed if usual == math.inf else usual + USUAL_SHARE * (min(elapsed, HELD_PERIODS * usual) - usual)
+    least, most = orders_within(history, now - max(stands, elapsed) - limits.rudder_delay, now - limits.rudder_delay)
+    if max(stands, elapsed) > unusual and most - least > limits.rudder_tolerance:
+        off_at, held_since = now, now if math.isnan(held_since) else held_since
+        if now - held_since <= HELD_S:
+            held = max(held, min(elapsed, HELD_S) if is_gap else stands)
+            unseen = max(unseen, min(elapsed, HELD_S) if is_gap else 0.0)
+    return Line(now, usual, stood, stood_since, off_at, held, unseen, held_since)
 
 
-def _is_held_off(response: ResponseState, seen: MonitorInput, history: History, earliest: float) -> bool:
-    """Return whether a push holds against a trial's rudder, as far as that was over of late: on the way from one side
-    to the other it passes amidships."""
-    push, (times, angles, _, ticks) = push_at_least(response), history
-    ring = len(times) - 1
-    if not push * seen.rudder < 0.0:
-        return False
-    for tick in range(ticks - 1, max(ticks - 2 - ring, -1), -1):
-        if times[tick & ring] < earliest:
+class Following(NamedTuple):
+    """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
+    how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off to
+    the same side, negative to port; slow [rad/s]: the newest rate to port and to starboard that was much slower than
+    filed, inf: none was;
+    name and shown: what is found, '' for nothing;
+    late_until [s]: until then it is not our order that says where it goes; line: what its line may have held; began:
+    when [s] it began to go away, and angle and order [rad] then."""
+
+    seen: RudderSample | None = None
+    bucket: float = 0.0
+    away: float = 0.0
+    low: float = math.inf
+    high: float = -math.inf
+    way: float = 0.0
+    way_time: float = 0.0
+    slow: tuple[float, float] = (math.inf, math.inf)
+    name: str = ""
+    shown: str = ""
+    late_until: float = -math.inf
+    line: Line = Line()
+    began: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether it goes to its orders, and to a side much slower than filed."""
+        return min(self.slow) < math.inf
+
+
+def following_step(
+    before: Following, sample: RudderSample, history: History, since: float, limits: AlarmLimits
+) -> Following:
+    """Compare a measured angle with the orders that we have given `since` [s], of which one was in force.
+
+    Time in which the rudder is off its order by more than the tolerance and not on its way to it fills a bucket, other
+    time empties it: a stuck rudder is right for an instant whenever a swinging order crosses it. A rudder that goes
+    away from all orders that its gear's delay may have left it with, by more than the tolerance, is reversed; but where
+    its orders went the same way it goes with them, and is off by its sensor, or its linkage. An order
+    may leave at any time until the next tick begins: an angle that was measured between two ticks is judged by that one
+    of the two orders, the one before and the one of that tick, which explains it better. After a tick that came late it
+    may go on past its order: a motor whose speed is ordered runs until the next one.
+
+    A line that stalls holds our orders, or the angles, and delivers them late: as long as it may do so (`line_step`)
+    those orders are among them.
+    """
+    last, bucket, away, low, high, way, way_time, slow, name, shown, late_until, line, began = before
+    angle, now, delay, filed = sample.angle, sample.time, limits.rudder_delay, limits.rudder_rate
+    if last is not None and last.source == sample.source and now <= last.time:
+        return before
+    elapsed = math.inf if last is None or last.source != sample.source else now - last.time
+    orders = orders_at(history, since, now)
+    line = line_step(line, now, angle, elapsed, history, limits)
+    if not orders or elapsed > LONGEST_GAP_S or last is None:
+        return before._replace(seen=sample, line=line._replace(off_at=now))
+    turned = angle - last.angle
+    order = orders[0] if abs(orders[0] - angle) <= abs(orders[-1] - angle) else orders[-1]
+    moved = max(
+        math.copysign(1.0, orders[0] - last.angle) * turned, math.copysign(1.0, orders[-1] - last.angle) * turned
+    )
+    is_off, progress = abs(order - angle) > limits.rudder_tolerance, PROGRESS_SHARE * min(filed, ASSUMED_RATE) * elapsed
+    if is_off and moved < progress:
+        bucket, low, high = bucket + elapsed, min(low, angle), max(high, angle)
+    else:
+        bucket = max(bucket - elapsed, 0.0)
+    if bucket == 0.0:
+        low, high = math.inf, -math.inf
+    if is_off:
+        line = line._replace(off_at=now)
+    if is_off and moved < 0.0:
+        least, most = orders_within(history, last.time - line.held - line.unseen - delay, now)
+        beyond = angle - max(most, last.angle) if turned > 0.0 else min(least, last.angle) - angle
+        away += max(beyond, 0.0) if now > late_until else 0.0
+    else:
+        away = max(away - moved, 0.0) if is_off else 0.0
+    if away == 0.0:
+        began = now, angle, order
+    if not name:
+        if away > limits.rudder_tolerance:
+            name = "rudder_not_following" if _is_led(began, (now, angle, order), history) else "rudder_reversed"
+        elif bucket > PATIENCE_S + delay:
+            name = "rudder_stuck" if high - low < STANDS else "rudder_not_following"
+        if name:
+            shown = f"{math.degrees(angle):.1f} deg where {math.degrees(order):.1f} deg is ordered"
+    side = math.copysign(1.0, order - angle) if is_off and math.isfinite(filed) else 0.0
+    way, way_time, slow = slow_step((way, way_time, slow), limits, side, (moved, elapsed))
+    return Following(sample, bucket, away, low, high, way, way_time, slow, name, shown, late_until, line, began)
+
+
+def slow_step(
+    before: tuple[float, float, tuple[float, float]], limits: AlarmLimits, side: float, moved: tuple[float, float]
+) -> tuple[float, float, tuple[float, float]]:
+    """Return `Following`'s way, way_time and slow after a rudder that is off its order to a `side`, 0.0: it is not, has
+    `moved` there [rad] in a time [s]."""
+    way, way_time, slow = before
+    way, way_time = (way, way_time) if side * way_time > 0.0 else (0.0, 0.0)
+    way, way_time = way + abs(side) * moved[0], way_time + side * moved[1]
+    timed, filed = abs(way_time) - limits.rudder_delay, limits.rudder_rate * limits.rudder_sides[side > 0.0]
+    if timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed:
+        slow = (slow[0], way / timed) if side > 0.0 else (way / timed, slow[1])
+    return way, way_time, slow
+
+
+def _is_led(began: tuple[float, float, float], at: tuple[float, float, float], history: History) -> bool:
+    """Return whether a rudder has gone away from its order because that did, by no detour: what it made for itself is
+    no progress. began and at: time [s], angle and order [rad]."""
+    went, led = at[1] - began[1], at[2] - began[2]
+    least, most = orders_within(history, began[0], at[0])
+    return abs(went - led) < PROGRESS_SHARE * abs(went) and (1.0 - PROGRESS_SHARE) * (most - least) < abs(led)
+
+
+def orders_at(history: History, since: float, time: float) -> tuple[float, ...]:
+    """Return the orders [rad] of which one was in force at `time` [s]: the last two that were given by then, since we
+    steer. The command that a tick holds left in the tick before it."""
+    times, _, commands, ticks = history
+    ring, tick = len(times) - 1, ticks - 1
+    oldest = max(tick - ring, 0)
+    while tick > oldest and times[(tick - 1) & ring] > time:
+        tick -= 1
+    return tuple(commands[at & ring] for at in (tick - 1, tick) if at > oldest and times[(at - 1) & ring] >= since)
+
+
+def orders_within(history: History, begin: float, end: float) -> tuple[float, float]:
+    """Return the least and the most [rad] of the orders that were in force from `begin` to `end` [s]; the second below
+    the first where there were none of ours."""
+    times, _, commands, ticks = history
+    ring, least, most = len(times) - 1, math.inf, -math.inf
+    for tick in range(ticks - 1, max(ticks - 2 - ring, 0), -1):
+        given = times[(tick - 1) & ring]
+        if given <= end:
+            # what is not a number is smaller and larger than nothing
+            order = commands[tick & ring]
+            least, most = order if order < least else least, order if order > most else most
+        if given < begin:
             break
-        if abs(push) <= abs(angles[tick & ring]):
-            return False
-    return True
+    return least, most
+
+
+def is_anothers(history: History, now: float, report: RudderSample | None) -> bool:
+    """Return whether the report in force at `now` [s] of the command to the steering gear is of no order of ours: then
+    somebody else steers, too."""
+    if report is None or now - report.time > REPORT_FRESH_S:
+        return False
+    times, _, commands, ticks = history
+    ring, angle = len(times) - 1, report.angle
+    low = high = commands[(ticks - 1) & ring]
+    if low - TOLERANCE <= angle <= high + TOLERANCE:
+        return False
+    for tick in range(ticks - 2, max(ticks - 2 - ring, -1), -1):
+        if times[tick & ring] < now - REMEMBERED_S:
+            break
+        # what is not a number is smaller and larger than nothing
+        order = commands[tick & ring]
+        low, high = order if order < low else low, order if order > high else high
+    return not low - TOLERANCE <= angle <= high + TOLERANCE
+
+
+def followed(
+    before: Following, limits: AlarmLimits, angles: tuple[RudderSample, ...], history: History, since: float
+) -> Following:
+    """Compare a tick's measured angles with the orders that we have given `since` [s], one after the other."""
+    known = [each for each in angles if math.isfinite(each.angle) and math.isfinite(each.time)]
+    # of a burst that was read at once, and has one time, the last is the newest
+    for sample in sorted({(each.time, each.source): each for each in known}.values(), key=lambda each: each.time):
+        before = following_step(before, sample, history, since, limits)
+    return before
+
+
+ZIGZAG_DIVERGED = math.radians(45.0)
+"""A boat that handles well overshoots by less: IMO MSC.137(76) allows 40 deg for the second of 10/10, 25 deg for 20/20.
+One that does not slows down all the same."""
+
+
+class Overpowered(NamedTuple):
+    """Wind, current and trim that are worth more than the rudder's limit, as the estimator learns them beside waves:
+    the `time` [s] of the tick before, nan: they are not; beyond [s]: how far they were beyond it, in units of the
+    limit, summed over the time in which the rudder was hard over against them; and how hard, '' where the rudder can
+    hold it."""
+
+    time: float = math.nan
+    beyond: float = 0.0
+    found: str = ""
+
+
+def overpowered_step(before: Overpowered, seen: MonitorInput) -> Overpowered:
+    """Judge a tick. A law that holds a course has put the rudder to its stop: as long as it has some left, what the
+    estimator believes is a sea that it does not know.
+
+    A push that sets in is overrated at first, by half for a few seconds, until the rudder has shown what it does
+    against it. So the nearer it is to what the rudder holds, the longer it must last:
+    beyond = int (|push|/limit - 1) dt.
+    """
+    push, most = seen.push, seen.angle_max
+    if not (seen.steers and seen.has_way and (push > most or push < -most)):
+        return NOT_OVERPOWERED
+    time, beyond, found = before
+    if seen.follows and not (is_hard_over(seen) and seen.rudder * push < 0.0):
+        # a trial's rudder rests where the trial wants it
+        return Overpowered(found=found)
+    if time == time:  # what is not a number is not itself
+        # what happened between two ticks far apart nobody saw
+        beyond += (abs(push) / most - 1.0) * clip(seen.now - time, 0.0, LONGEST_GAP_S)
+    if beyond >= PUSH_BEYOND and not found:
+        side = "starboard" if push > 0.0 else "port"
+        found = f"to {side}, as by {math.degrees(abs(push)):.0f} deg of rudder"
+    return Overpowered(seen.now, beyond, found)
+
+
+NOT_OVERPOWERED = Overpowered()
+
+
+class Runaway(NamedTuple):
+    """heading [rad] and time [s] of the tick before; mean_rate [rad/s]; the rudder's side, and how far [rad] the boat
+    has turned against it since it came over; way [rad]: turned in all; hard_since [s]: the rudder is hard over;
+    held_way and held_since: when it had taken hold; has_run; overpowered: to where, '' where neither."""
+
+    heading: float = math.nan
+    time: float = math.nan
+    mean_rate: float = 0.0
+    side: float = math.nan
+    turned: float = math.nan
+    way: float = 0.0
+    hard_since: float = math.nan
+    held_way: float = 0.0
+    held_since: float = 0.0
+    has_run: bool = False
+    overpowered: str = ""
+
+
+NO_RUNAWAY = Runaway()
+
+
+def runaway_step(before: Runaway, seen: MonitorInput) -> Runaway:
+    """Judge a tick: the rudder hard over, and the boat goes on to turn to the other side.
+
+    It has run away where it turns nearly as for a rudder hard over there: one that is at its other stop, or a push of
+    nearly twice what the rudder can do. Sea and gust turn it so for less than the time in which the rudder takes hold,
+    or not so far; a wave turns it back again, so that the mean rate must be as quick as the present one. A zigzag
+    orders its rudder without looking back: there it is enough that it goes on turning against it, far on the wrong
+    side, and does not slow down.
+    """
+    if not seen.steers:
+        return NO_RUNAWAY
+    state, now, model, rudder = seen.state, seen.now, seen.model, seen.rudder
+    last, time, mean_rate, side, turned, way, hard_since, held_way, held_since, _, overpowered = before
+    heading = state.heading
+    # by the heading: a rate may come from a gyro that is wrong, and is late where there is none
+    step = heading - last
+    step = step if -PI < step <= PI else wrap(step)
+    step = step if step == step else 0.0
+    elapsed = now - time
+    if elapsed > 0.0:
+        # a low pass leaves at most 2 deviations of heading / time constant of what waves add to the rate; that is to
+        # be no more than what lies between K rudder_max and AGAINST_SHARE of it
+        waves = WAVES_REACH * state.wave_deviation
+        lasts = waves / ((1.0 - AGAINST_SHARE) * abs(model.gain) * seen.angle_max)
+        lasts = lasts if lasts > model.time_constant else model.time_constant
+        mean_rate -= math.expm1(-elapsed / lasts) * (step / elapsed - mean_rate)
+    way += step
+    to = math.copysign(1.0, rudder)
+    # one that slows down is coming round yet: a course-unstable boat overshoots by as much
+    has_run = seen.zigzag_divergence > ZIGZAG_DIVERGED and to * state.rate < min(AGAINST_SHARE * to * mean_rate, 0.0)
+    turned = turned - to * step if to == side and turned > to * step else 0.0
+    overpowered = overpowered if turned != 0.0 else ""
+    stop = AT_THE_STOP * seen.angle_max
+    if -stop < rudder < stop:
+        return Runaway(heading, now, mean_rate, to, turned, way, math.nan, held_way, held_since, has_run, overpowered)
+    hard_since = now if math.isnan(hard_since) else hard_since
+    lasted = now - hard_since
+    if lasted < HOLDS * model.time_constant:
+        held_since, held_way = now, way
+    if lasted >= TAKES_HOLD * model.time_constant and not turned < FAR + WAVES_REACH * state.wave_deviation:
+        if lasted >= SETTLED * model.time_constant:
+            # both: the mean remembers how the boat turned before the rudder came over, the other holds a wave's
+            held = (way - held_way) / (now - held_since)
+            has_run |= _turns_against(model, seen.rudder, held) and _turns_against(model, seen.rudder, mean_rate)
+        overpowered = overpowered or f"to {'port' if seen.rudder > 0.0 else 'starboard'}"
+    return Runaway(heading, now, mean_rate, to, turned, way, hard_since, held_way, held_since, has_run, overpowered)
+
+
+def _turns_against(model: Norrbin, rudder: float, rate: float) -> bool:
+    return -math.copysign(1.0, rudder) * steady_rudder(model, rate) >= AGAINST_SHARE * abs(rudder)
 
 
 class State(NamedTuple):

@@ -63,9 +63,16 @@ from autopilot.steering import (
 from autopilot.supervision.envelope import WRONG_ERROR, WRONG_SHARE, WRONG_TIME
 from autopilot.supervision.heading_and_rate import NO_TURNS, Turns, are_opposite, off_most, turning_most, turns_step
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
-from autopilot.supervision.response_filter import NO_SEAWAY
-from autopilot.supervision.rudder_response import FILED, other_verdict
-from autopilot.supervision.rudder_watch import NOTHING_KNOWN, PAST_S, Evidence, evidence_step, verdict_at
+from autopilot.supervision.rudder_answer import (
+    FILED,
+    NO_SEAWAY,
+    NOTHING_KNOWN,
+    PAST_S,
+    Evidence,
+    evidence_step,
+    other_verdict,
+    verdict_at,
+)
 from autopilot.supervision.tuning import AT_THE_STOP, FROZEN_SAMPLES, HELD_LAG, LATE_S, RATE_OFF
 
 Floats = NDArray[np.float64]

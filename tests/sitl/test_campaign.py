@@ -20,7 +20,7 @@ from autopilot.control import registry
 from autopilot.control.law import Law, LawInput, LoopGains
 from autopilot.errors import ExitCode, InputError
 from autopilot.files.strict_yaml import parse_document
-from autopilot.supervision.rudder_watch import Evidence, evidence_step
+from autopilot.supervision.rudder_answer import Evidence, evidence_step
 from autopilot.vessel.file import dump_vessel, load_vessel
 from autopilot.vessel.schema import Limits
 from sitl.campaign import study, work
@@ -210,7 +210,7 @@ def test_the_evidence_of_the_loop_as_it_is_compiled_is_the_monitors(monkeypatch:
     monkeypatch.setattr("sitl.campaign.compiled_tick.evidence_step", keeping)
     sailed_alike(job, 0)
     loop, kept = kept, []
-    monkeypatch.setattr("autopilot.supervision.rudder_watch.evidence_step", keeping)
+    monkeypatch.setattr("autopilot.supervision.rudder_answer.evidence_step", keeping)
     run_reference(job, 0)
     assert len(loop) == len(kept) > 500
     for one, other in zip(loop, kept, strict=True):

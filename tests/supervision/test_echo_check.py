@@ -12,7 +12,7 @@ from watches import RudderHistory
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, RudderSample
 from autopilot.supervision.monitor_input import MonitorInput
-from autopilot.supervision.rudder_following import is_anothers
+from autopilot.supervision.rudder_watch import is_anothers
 from autopilot.supervision.tuning import REMEMBERED_S, REPORT_FRESH_S, TOLERANCE
 
 angles = st.floats(-0.6, 0.6)

@@ -16,14 +16,9 @@ from autopilot.supervision.course_watch import Spin, Swings
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
 from autopilot.supervision.monitors import NO_THRUST_SEEN, State, ThrusterLook, thruster_step, with_weak_thruster
 from autopilot.supervision.panel import sentences_of
-from autopilot.supervision.rudder_response import (
-    FILED,
-    LIVELIER,
-    NO_RESPONSE,
-    QUICKER,
-    SLOW_RUDDER,
-)
-from autopilot.supervision.rudder_watch import NOTHING_KNOWN, VERDICTS, Response
+from autopilot.supervision.rudder_answer import FILED, LIVELIER, NOTHING_KNOWN, QUICKER, SLOW_RUDDER, Response
+from autopilot.supervision.rudder_response import NO_RESPONSE
+from autopilot.supervision.rudder_watch import VERDICTS
 from autopilot.supervision.tuning import SWEEP
 
 BOAT = Norrbin(0.2, 5.0, reference_speed=4.0)

@@ -19,44 +19,48 @@ from autopilot.signals import HeadingSample, NavState, RudderSample
 from autopilot.supervision import rudder_watch
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.response_filter import (
-    NO_SEAWAY,
     NOTHING,
     SEA_KNOWN_S,
     Covariance,
     Noise,
     all_moved,
-    counts_as_course,
     foreseen,
-    seaway_noise,
-    seaway_step,
     transition_of,
 )
-from autopilot.supervision.rudder_response import (
+from autopilot.supervision.rudder_answer import (
     FILED,
     LIVELIER,
-    NO_OTHERS,
-    NOTHING_ADDED,
+    NO_SEAWAY,
+    NOTHING_KNOWN,
     QUICKER,
     SLOW_RUDDER,
+    Evidence,
+    acquitted,
+    carried_on,
+    counts_as_course,
+    enough,
+    is_doubtful,
+    other_verdict,
+    push_at_least,
+    seaway_noise,
+    seaway_step,
+    since_turning,
+    verdict,
+    verdict_at,
+)
+from autopilot.supervision.rudder_response import (
+    NO_OTHERS,
+    NOTHING_ADDED,
     Others,
     ResponseState,
-    acquitted,
     begun_gust,
-    carried_on,
-    enough,
     first_response,
     gust_likelier,
     gust_moved,
     gust_step,
-    is_doubtful,
-    other_verdict,
-    push_at_least,
     response_step,
-    since_turning,
-    verdict,
     without_evidence,
 )
-from autopilot.supervision.rudder_watch import NOTHING_KNOWN, Evidence, verdict_at
 from autopilot.supervision.tuning import GUST_SIZE, SEA_FIRST, SEA_FIRST_TIME, WORKED_TIME
 from sitl.compiled import compiled
 
@@ -484,7 +488,7 @@ class Looks:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, speed: float = math.inf, **memory: Any) -> None:
         self.watch, self.number, self.taken = Answering(2.0e-4, speed), 0, list[tuple[Any, ...]]()
         self.memory, self.doubts = memory, list[float]()
-        monkeypatch.setattr("autopilot.supervision.rudder_watch.response_step", self.step)
+        monkeypatch.setattr("autopilot.supervision.rudder_answer.response_step", self.step)
 
     def step(self, memory: ResponseState, *given: Any) -> ResponseState:
         self.taken.append(given)

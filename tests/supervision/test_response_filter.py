@@ -12,24 +12,18 @@ from scipy.linalg import expm
 
 from autopilot.models.norrbin import Norrbin
 from autopilot.supervision.response_filter import (
-    NO_SLIDE,
     NOTHING,
     PUSH_UNKNOWN,
     RATE_UNKNOWN,
     STEEPEST,
     Covariance,
     Noise,
-    Slide,
     all_corrected,
     all_moved,
     foreseen,
-    slide_learnt,
-    slide_share,
     transition_of,
 )
-from autopilot.supervision.rudder_response import (
-    first_response,
-)
+from autopilot.supervision.rudder_response import NO_SLIDE, Slide, first_response, slide_learnt, slide_share
 
 Matrix = npt.NDArray[np.float64]
 NOISE = Noise(heading=2.0e-4, acceleration=3.0e-5, push=4.0e-6, sea=5.0e-3, pace=0.7, unmet=0.0)

@@ -13,16 +13,9 @@ from watches import BOAT, DT, NOISE, MatrixFilter
 
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState
-from autopilot.supervision.response_filter import NO_SEAWAY, seaway_noise, transition_of
-from autopilot.supervision.response_spectrum import blocks_step, first_blocks, no_more_blocks
-from autopilot.supervision.rudder_response import (
-    ResponseState,
-    by_headings,
-    enough,
-    first_response,
-    response_step,
-    verdict,
-)
+from autopilot.supervision.response_filter import blocks_step, first_blocks, no_more_blocks, transition_of
+from autopilot.supervision.rudder_answer import NO_SEAWAY, by_headings, enough, seaway_noise, verdict
+from autopilot.supervision.rudder_response import ResponseState, first_response, response_step
 
 Matrix = npt.NDArray[np.float64]
 LEAST, USUAL, SLIDES = 0.6, 0.9, 0.3

@@ -14,7 +14,7 @@ from watches import Answering, RudderHistory
 from autopilot.angles import wrap
 from autopilot.models.norrbin import Norrbin, rate_step
 from autopilot.signals import HeadingSample, NavState
-from autopilot.supervision import rudder_watch
+from autopilot.supervision import rudder_answer, rudder_watch
 from autopilot.supervision.monitor_input import AlarmLimits, Measured, MonitorInput
 from autopilot.supervision.rudder_response import NO_RESPONSE
 
@@ -235,7 +235,7 @@ def test_what_a_trial_made_doubtful_counts_until_the_helm_is_let_go(
     """Less evidence is enough on the course behind a trial; who engages anew begins a course as any other."""
     blocks = NO_RESPONSE.blocks._replace(stuck=2.0, stuck_late=2.0)
     known = NO_RESPONSE._replace(time=12.0, stuck=10.9, stuck_late=10.9, blocks=blocks)
-    response = rudder_watch.Response(rudder_watch.NOTHING_KNOWN._replace(response=known))
+    response = rudder_answer.Response(rudder_answer.NOTHING_KNOWN._replace(response=known))
     monkeypatch.setattr(rudder_watch, "judge_response", lambda *given: response)
     state = NavState(12.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, True)
     seen = MonitorInput(12.0, MODEL, state, True, True, 0.0, 0.0, STOP, True, follows=True)

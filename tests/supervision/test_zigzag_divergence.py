@@ -12,7 +12,7 @@ from autopilot.models.steering_gear import SteeringGear
 from autopilot.signals import NavState, Order, OrderKind
 from autopilot.steering import Guide, heading_ordered, zigzag, zigzag_divergence
 from autopilot.supervision.monitor_input import MonitorInput
-from autopilot.supervision.rudder_following import NO_RUNAWAY, ZIGZAG_DIVERGED, runaway_step
+from autopilot.supervision.rudder_watch import NO_RUNAWAY, ZIGZAG_DIVERGED, runaway_step
 
 MODEL = Norrbin(0.3, 2.0, reference_speed=4.0)
 SWING = math.radians(10.0)
