@@ -177,7 +177,7 @@ def test_a_turn_that_is_short_of_rudder_for_a_moment_starts_nothing() -> None:
 
 def test_it_may_turn_the_boat_until_its_thrust_and_that_which_it_caused_are_gone() -> None:
     thruster = BowThruster(rate=0.1, time=4.0, useless_above=1.5, delay=0.3)
-    told = [
+    found = [
         turns_boat(fitted, Bow(BowState(share=share, since=since)))
         for fitted, share, since in [
             (thruster, 1.0, 60.0),
@@ -187,4 +187,4 @@ def test_it_may_turn_the_boat_until_its_thrust_and_that_which_it_caused_are_gone
             (None, 0.0, 0.0),
         ]
     ]
-    assert told == [True, True, False, False, False]
+    assert found == [True, True, False, False, False]
