@@ -297,44 +297,63 @@ def motion_of(
     """Return how the steps go on at `states`, shape (N, D): Runge and Kutta's steps and their own derivatives."""
     begin, end, S = record.begin, record.begin + 1, record.substeps
     a, b, d, e = rates
-    h, r, push = record.step / S, states[begin, 1], pushed_by(states[begin], pushing)
-    half, sixth, small = 0.5 * h, h / 6.0, h / 24.0
-    # how the rate changes with the rate at the step's begin, and with the gust
-    by = np.stack([np.ones_like(r), np.zeros_like(r)])
-    turned, turned_by = np.zeros_like(r), np.zeros_like(by)
-    points = np.empty((3, 2 * S + 1, r.size))
+    h, push = record.step / S, pushed_by(states[begin], pushing)
+    half, M = 0.5 * h, begin.size
+    # the rate, and how it changes with the rate at the step's begin, and with the gust
+    now = np.stack([states[begin, 1], np.ones(M), np.zeros(M)])
+    turned, at, k1, k2, k3, k4 = (np.zeros_like(now) for _ in range(6))
+    points = np.empty((3, 2 * S + 1, M))
     for s in range(S):
-        steering = record.scales.steering[s]
-        drive = steering * (a * rudder[0][s] - e) + push + record.push[s]
+        steering = half * record.scales.steering[s]
+        drive = steering * (a * rudder[0][s] - e) + half * (push + record.push[s])
         rise = (0.5 * a) * steering * rudder[1][s]
-        terms = b * record.scales.linear[s], d * record.scales.higher[s], record.power
-        k1, by1 = _turning(terms, drive - rise, r, by)
-        k2, by2 = _turning(terms, drive, r + half * k1, by + half * by1)
-        k3, by3 = _turning(terms, drive, r + half * k2, by + half * by2)
-        k4, by4 = _turning(terms, drive + rise, r + h * k3, by + h * by3)
-        middle, by_middle = k2 + k3, by2 + by3
-        turned += h * (r + sixth * (k1 + middle))
-        turned_by += h * (by + sixth * (by1 + by_middle))
-        points[0, 2 * s], points[1:, 2 * s] = r, by
-        points[0, 2 * s + 1] = r + small * (5.0 * k1 + 4.0 * middle - k4)
-        points[1:, 2 * s + 1] = by + small * (5.0 * by1 + 4.0 * by_middle - by4)
-        r = r + sixth * (k1 + 2.0 * middle + k4)
-        by = by + sixth * (by1 + 2.0 * by_middle + by4)
-    points[0, 2 * S], points[1:, 2 * S] = r, by
+        terms = (b * half) * record.scales.linear[s], (d * half) * record.scales.higher[s], record.power
+        _half_grown(terms, drive - rise, half, now, k1)
+        _half_grown(terms, drive, half, np.add(now, k1, out=at), k2)
+        _half_grown(terms, drive, half, np.add(now, k2, out=at), k3)
+        np.add(k3, k3, out=at)
+        at += now
+        _half_grown(terms, drive + rise, half, at, k4)
+        points[:, 2 * s] = now
+        # Runge and Kutta's sums, each k of which is half of what the step adds: (k1 + k2 + k3)/3 for the angle turned,
+        # (k1 + 2 k2 + 2 k3 + k4)/3 for the end, (5 k1 + 4 k2 + 4 k3 - k4)/12 for the middle
+        k2 += k3
+        np.add(k1, k2, out=at)
+        k2 += k4
+        k2 += at
+        k2 *= 1.0 / 3.0
+        at *= 1.0 / 3.0
+        at += now
+        k1 -= k4
+        k1 *= 1.0 / 12.0
+        np.add(at, k1, out=points[:, 2 * s + 1])
+        at *= h
+        turned += at
+        now += k2
+    points[:, 2 * S] = now
     psi, rate = states[:, 0], states[:, 1]
-    return Motion(psi[end] - psi[begin] - turned, rate[end] - r, turned_by[0], turned_by[1], by[0], by[1], points)
+    return Motion(psi[end] - psi[begin] - turned[0], rate[end] - now[0], turned[1], turned[2], now[1], now[2], points)
 
 
-def _turning(
-    terms: tuple[FloatArray, FloatArray, int], drive: FloatArray, r: FloatArray, by: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the acceleration at a rate `r`, and how it changes with what `by` holds r's changes with; terms: linear
-    damping, that of the higher power, and `Form.power`."""
+def _half_grown(
+    terms: tuple[FloatArray, FloatArray, int], drive: FloatArray, half: FloatArray, at: FloatArray, grown: FloatArray
+) -> None:
+    """Put into `grown` by how much rate and what it changes with grow in `half` a step that goes on as where they are
+    `at`, shape (3, M); terms, and what drives: linear damping, that of the higher power, times that time, and
+    `Form.power`.
+    """
     linear, higher, power = terms
-    bent = higher * (r * r if power == 3 else np.abs(r))
-    changes = by * -(linear + power * bent)
-    changes[1] += 1.0
-    return drive - r * (linear + bent), changes
+    r = at[0]
+    bent = r * r if power == 3 else np.abs(r)
+    bent *= higher
+    damping = linear + bent
+    np.multiply(r, damping, out=grown[0])
+    bent *= power - 1
+    damping += bent
+    np.multiply(at[1:], damping, out=grown[1:])
+    np.subtract(drive, grown[0], out=grown[0])
+    np.negative(grown[1], out=grown[1])
+    np.subtract(half, grown[2], out=grown[2])
 
 
 def _assembled(

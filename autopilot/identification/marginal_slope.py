@@ -117,27 +117,43 @@ def adjoint_of(held: Held, rates: Rates, worth: EndWorth) -> Adjoint:
     record, motion = held.record, held.motion
     r, m, g = motion.inside
     rest = _behind(m, record)
-    damping = m * (worth.rate_by_rate * motion.rate_by_rate + worth.turned_by_rate * rest)
-    damping += g * (worth.rate_by_gust * motion.rate_by_rate + worth.turned_by_gust * rest)
-    bend = 6.0 * r if record.power == 3 else 2.0 * np.sign(r)
-    whole = worth.rate * motion.rate_by_rate + worth.turned * rest
-    whole = whole - rates.d * _behind(bend * damping, record, record.scales.higher)
-    once = 1.0 / m
-    return Adjoint(whole * once, damping * once)
+    # in place: on many substeps each array for one more step of the reckoning is fetched anew from the system
+    damping, by_gust, whole = worth.turned_by_rate * rest, worth.turned_by_gust * rest, worth.turned * rest
+    damping += worth.rate_by_rate * motion.rate_by_rate
+    damping *= m
+    by_gust += worth.rate_by_gust * motion.rate_by_rate
+    by_gust *= g
+    damping += by_gust
+    bent = np.multiply(6.0, r, out=by_gust) if record.power == 3 else np.multiply(2.0, np.sign(r), out=by_gust)
+    bent *= damping
+    bent = _behind(bent, record, record.scales.higher)
+    bent *= rates.d
+    whole += worth.rate * motion.rate_by_rate
+    whole -= bent
+    whole /= m
+    damping /= m
+    return Adjoint(whole, damping)
 
 
 def _simpson(values: FloatArray, record: Record) -> FloatArray:
     """Return the integrals over the substeps, shape (S, M)."""
-    ends = values[::2]
-    return np.asarray((ends[:-1] + 4.0 * values[1::2] + ends[1:]) * (record.step / (6.0 * record.substeps)))
+    whole = 4.0 * values[1::2]
+    whole += values[:-2:2]
+    whole += values[2::2]
+    whole *= record.step / (6.0 * record.substeps)
+    return np.asarray(whole)
 
 
 def _behind(values: FloatArray, record: Record, scale: FloatArray | float = 1.0) -> FloatArray:
     """Return the integral, times the `scale` of each substep, from each point to the step's end, as `values`."""
-    result = np.zeros_like(values)
-    result[:-1:2] = np.cumsum((scale * _simpson(values, record))[::-1], axis=0)[::-1]
-    ends, share = values[::2], record.step / (24.0 * record.substeps)
-    result[1::2] = result[2::2] + scale * share * (8.0 * values[1::2] - ends[:-1] + 5.0 * ends[1:])
+    result, whole, later = np.empty_like(values), _simpson(values, record), 8.0 * values[1::2]
+    whole *= scale
+    np.cumsum(whole[::-1], axis=0, out=result[-3::-2])
+    result[-1] = 0.0
+    later -= values[:-2:2]
+    later += np.multiply(5.0, values[2::2], out=whole)
+    later *= scale * (record.step / (24.0 * record.substeps))
+    np.add(result[2::2], later, out=result[1::2])
     return result
 
 
@@ -154,12 +170,15 @@ def worth_by_boat(
     record, power = held.record, held.record.power
     steering, linear, higher = record.scales
     r, whole = held.motion.inside[0], adjoint.rate
-    bent = r * r if power == 3 else np.abs(r)
     driven = _simpson(whole, record)
     # what a rudder that moves while it is worth more and more brings beside its mean
     moving = (whole[2::2] - whole[:-1:2]) * (record.step / (12.0 * record.substeps))
-    damped = _simpson(whole * r + adjoint.damping, record)
-    bending = _simpson(bent * (whole * r + power * adjoint.damping), record)
+    turned = whole * r
+    at = turned + adjoint.damping
+    damped = _simpson(at, record)
+    turned += power * adjoint.damping
+    turned *= np.multiply(r, r, out=at) if power == 3 else np.abs(r, out=at)
+    bending = _simpson(turned, record)
     steered = driven * rudder[0] + moving * rudder[1]
     rows = [steering * steered, -linear * damped, -higher * bending, -steering * driven]
     # a row at a time: on many substeps those of all changes take much memory
