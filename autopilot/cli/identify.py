@@ -181,7 +181,8 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
     filed = math.inf if known is None else known.rudder.slower_rate
     by_thrust = known is not None and known.drive.kind != "rudder"
     with ProgressBar("rudder's rate") as bar:
-        ordered, as_ordered = slower_rudder(fitted, filed, by_thrust=by_thrust, progress=bar.update), fitted
+        ordered = slower_rudder(fitted, filed, by_thrust=by_thrust, progress=bar.update)
+    as_ordered = fitted, held_out
     if ordered is not None and ordered.is_sure:
         fitted, held_out = ([with_rudder_of(run, ordered) for run in runs] for runs in (fitted, held_out))
     driven = identified_by_thrust(arguments, vessel, fitted, held_out)
@@ -197,7 +198,7 @@ def _of_logs(arguments: argparse.Namespace, steady: SteadyTurns | None) -> int:
         boat = boat_for(arguments.out, fitted, given)
     doubt = None if ordered is None else (as_ordered, ordered)
     result = _identify(arguments, steady, _prior(arguments.length_m, known), fitted, held_out, doubt)
-    result = result._replace(gear=gear_check(as_ordered, filed, result.rudder_rate))
+    result = result._replace(gear=gear_check(as_ordered[0], filed, result.rudder_rate))
     shown = report.as_json if arguments.json else report.as_text
     if not (verdict := report.verdict_on(result)).serves(arguments.at_least):
         print(shown(result))
@@ -260,9 +261,10 @@ def _identify(
     prior: BoatPrior | None,
     fitted: list[Run],
     held_out: list[Run],
-    rudder: tuple[Sequence[Run], RudderRate] | None,
+    rudder: tuple[tuple[list[Run], list[Run]], RudderRate] | None,
 ) -> Result:
-    """Return the answer; rudder: the runs as they were ordered and a rate found by turning, whose doubt goes in."""
+    """Return the answer; rudder: fitted runs and others as they were ordered, and a rate found by turning, whose doubt
+    goes in."""
     from autopilot.cli.terminal import ProgressBar
     from autopilot.identification.registry import METHODS, method_named
 
@@ -287,12 +289,13 @@ def _identify(
             from autopilot.identification import ordered_rudder as by_turning
 
             at_speed = question._replace(reference_speed=found.model.reference_speed)
-            with_doubt = by_turning.with_doubt_of_rate if rudder[1].is_sure else by_turning.with_unsure_rate
-            found = with_doubt(found, *rudder, lambda runs: method.identify(runs, at_speed))
-            if found.rudder_rate is not None and not rudder[1].is_sure:
-                moved = found.rudder_rate
+            (as_ordered, others), rate = rudder
+            with_doubt = by_turning.with_doubt_of_rate if rate.is_sure else by_turning.with_unsure_rate
+            found = with_doubt(found, as_ordered, rate, lambda runs: method.identify(runs, at_speed))
+            moved = found.rudder_rate
+            if moved is not None and moved != rate:
                 fitted, held_out = (
-                    [by_turning.with_rudder_of(run, moved) for run in runs] for runs in (fitted, held_out)
+                    [by_turning.with_rudder_of(run, moved) for run in runs] for runs in (as_ordered, others)
                 )
     result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
     return result._replace(residual_tests=found.residual_tests(fitted), choice=choice)

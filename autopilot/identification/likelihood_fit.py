@@ -40,6 +40,7 @@ from autopilot.identification.likelihood_search import (
     SWAY,
     Space,
     approached,
+    in_weather,
     inverse,
     settled,
 )
@@ -257,6 +258,30 @@ def likelihood_fit(
         power = _unknown_power(space, best, record_of(segments, reference_speed, memory).scales.linear)
     power = power._replace(boat=units * power.boat, by_power=units * power.by_power)
     return fit._replace(unseen=unseen, power=power)
+
+
+def space_at(found: LikelihoodFit, segments: Sequence[Segment], reference_speed: float) -> Space | None:
+    """Return where to search near `found` in other `segments`; None where the rudder never moves in them.
+
+    Likelihoods of segments on the same times are compared by it: their grid goes with where a search begins.
+    """
+    record = record_of(segments, reference_speed, memory_of(found.rates, segments, found.form.power), found.form)
+    scale = scales(segments, found.rates, found.form.power)
+    if not min(scale) > 0.0:
+        return None
+    record = blurred(record, blur_of(segments, scale.a, reference_speed, found.form, None), scale.a)
+    return Space(record, found.rates, found.weather, found.train, tuple(found.train_errors), scale)
+
+
+def moved_to(found: LikelihoodFit, segments: Sequence[Segment], reference_speed: float) -> LikelihoodFit | None:
+    """Return `found` with the boat that is likeliest for `segments` in the same weather, and its loss; None where there
+    is none near it."""
+    space = space_at(found, segments, reference_speed)
+    if space is None or not math.isfinite(space.found(space.start).loss):
+        return None
+    best, loss = in_weather(space, space.start)
+    rates, _, train = space.opened(best)
+    return found._replace(rates=rates, train=train, loss=loss) if math.isfinite(loss) else None
 
 
 def _has_changed(space: Space, z: FloatArray) -> bool:

@@ -139,7 +139,7 @@ def _sliding(
     worth = straight.loss - fit.loss
     if worth < UNLIKELY:
         return None, False
-    sliding, before = Sliding(_in_norrbin(fit, speed)[0], fit), _in_norrbin(found, speed)[0]
+    sliding, before = Sliding(in_norrbin(fit, speed)[0], fit), in_norrbin(found, speed)[0]
     if worth < SURELY_SLIDES or not fit.train.lead - fit.train.lag > SURELY_TURNS * _error_between(fit):
         return sliding, False
     unexplained = [
@@ -198,7 +198,7 @@ LEAST_OF_FIRST = 0.25
 def _slides(sliding: Sliding) -> str:
     """Return what is to be said of a boat that slides."""
     model, (_, _, lag, lead) = sliding.model, sliding.fit.train
-    errors, (slow, _) = sliding.fit.train_errors, _in_norrbin(_under_slow_rudder(sliding), model.reference_speed)
+    errors, (slow, _) = sliding.fit.train_errors, in_norrbin(_under_slow_rudder(sliding), model.reference_speed)
     return (
         f"The boat slides in its turns: of Nomoto's second order its lag T2 is {lag:.2g} +- "
         f"{SURE_OF_IT * errors['lag']:.1g} s and its lead T3 {lead:.2g} +- {SURE_OF_IT * errors['lead']:.1g} s, with K "
@@ -210,7 +210,7 @@ def _slides(sliding: Sliding) -> str:
 
 def _may_slide(sliding: Sliding) -> str:
     """Return what is to be said of a boat that may slide."""
-    slow, _ = _in_norrbin(_under_slow_rudder(sliding), sliding.model.reference_speed)
+    slow, _ = in_norrbin(_under_slow_rudder(sliding), sliding.model.reference_speed)
     return (
         "These runs do not tell whether the boat slides in its turns, which would explain them better: under a slow "
         f"rudder it would turn by K {slow.gain:.3g} 1/s and T {slow.time_constant:.3g} s, which the intervals "
@@ -429,7 +429,7 @@ def answer_of(
     a, b, d, e = found.rates
     spread = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     ratios = Ratios((a, b, d, e), (spread[0], spread[1], spread[2], spread[3]))
-    model, covariance = _in_norrbin(found, speed)
+    model, covariance = in_norrbin(found, speed)
     names = ("gain", "time_constant", "n3", "n0")
     errors: dict[str, float | None] = dict(
         zip(names, np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), strict=True)
@@ -556,8 +556,8 @@ def _noises(made: Sequence[Simulation]) -> tuple[Noise, Noise]:
     return residual_noise([values[:, 0] for values in off]), residual_noise([values[:, 1] for values in off])
 
 
-def _in_norrbin(found: LikelihoodFit, speed: float) -> tuple[Norrbin, FloatArray]:
-    """Return the model and the covariance of K, T, n3 and n0."""
+def in_norrbin(found: LikelihoodFit, speed: float) -> tuple[Norrbin, FloatArray]:
+    """Return the model at the reference `speed` [m/s], and the covariance of K, T, n3 and n0."""
     a, b, d, e = found.rates
     b = math.copysign(max(abs(b), SMALLEST_B), b)
     T, sign = 1.0 / abs(b), math.copysign(1.0, b)

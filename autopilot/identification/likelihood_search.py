@@ -462,6 +462,22 @@ def approached(space: Space, start: FloatArray) -> tuple[FloatArray, float]:
     return z, loss
 
 
+def in_weather(space: Space, z: FloatArray) -> tuple[FloatArray, float]:
+    """Return a vector of the likeliest boat in the weather of `z`, and the loss there."""
+    boat = np.array(space.boat)
+    loss, slope, known = space.slope(z, whole=True)
+    for _ in range(ITERATIONS):
+        step = np.zeros_like(z)
+        step[boat] = -inverse(known[np.ix_(boat, boat)]) @ slope[boat]
+        if not (math.isfinite(loss) and -0.5 * float(step @ slope) > STAYS):
+            break
+        found = _stepped(space, z, loss, step, whole=True)
+        if found is None:
+            break
+        z, (loss, slope, known) = found
+    return z, loss
+
+
 def _descended(
     space: Space, z: FloatArray, loss: float, slope: FloatArray, inverted: FloatArray, until: float
 ) -> tuple[FloatArray, float, float]:

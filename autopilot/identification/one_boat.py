@@ -18,9 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
-from autopilot.identification.likelihood_fit import LikelihoodFit, likelihood_fit, memory_of, scales
-from autopilot.identification.likelihood_record import blur_of, blurred, record_of
-from autopilot.identification.likelihood_search import RATE_NAMES, Space, inverse
+from autopilot.identification.likelihood_fit import LikelihoodFit, likelihood_fit, space_at
+from autopilot.identification.likelihood_search import RATE_NAMES, inverse
 from autopilot.identification.runs import FloatArray, Run, Segment
 
 LOOKED_AT, BY_CHANCE = 0.02, 0.002
@@ -165,19 +164,15 @@ def _parts_of(found: LikelihoodFit, run: Run, number: int, speed: float) -> list
 
 
 def _part(found: LikelihoodFit, number: int, half: int, segments: tuple[Segment, ...], speed: float) -> _Part | None:
-    memory = memory_of(found.rates, segments, found.form.power)
-    record = record_of(segments, speed, memory, found.form)
-    scale = scales(segments, found.rates, found.form.power)
-    if not min(scale) > 0.0:
-        return None  # the rudder never moves
-    record = blurred(record, blur_of(segments, scale.a, speed, found.form, None), scale.a)
-    space = Space(record, found.rates, found.weather, found.train, tuple(found.train_errors), scale)
+    space = space_at(found, segments, speed)
+    if space is None:
+        return None
     loss, slope, known = space.slope(space.start, boat_only=True)
     if not (math.isfinite(loss) and np.isfinite(known).all()):
         return None
     # in the boat's own units, which the parts share
     own = [float(getattr(found.train, name)) for name in space.parts]
-    size = 1.0 / np.array([*(getattr(scale, name) for name in RATE_NAMES), *own])
+    size = 1.0 / np.array([*(getattr(space.scale, name) for name in RATE_NAMES), *own])
     return _Part(number, half, segments, size * slope[space.boat], known * np.outer(size, size))
 
 

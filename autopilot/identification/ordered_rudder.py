@@ -30,7 +30,8 @@ import numpy as np
 
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Ratios
-from autopilot.identification.likelihood_model import reasons_of
+from autopilot.identification.likelihood_fit import LikelihoodFit, moved_to
+from autopilot.identification.likelihood_model import in_norrbin, reasons_of
 from autopilot.identification.likelihood_record import level_of
 from autopilot.identification.rudder_path import RudderRate
 from autopilot.identification.runs import FloatArray, Run, Segment
@@ -52,6 +53,8 @@ MOST = 3000
 """Of a recording as many samples at most are looked at: no rudder's rate needs more."""
 BESIDE = 0.05
 """The standard error is that of a parabola through so much slower and quicker, a step of the ladder at most."""
+CLOSE = 2.0e-3
+"""The rate is found to so much of itself; its doubt is 1 % and more."""
 NO_MISFIT = 1.0e-16
 """Of recordings without noise [(rad/s^2)^2]."""
 
@@ -105,7 +108,7 @@ def slower_rudder(
     total, direct, tried = len(trains) + rates.size, list[_Misfit](), list[_Misfit]()
     for late, lag in trains:
         progress(len(direct), total)
-        direct.append(_misfit(series, math.inf, late, lag))
+        direct.append(_misfit(series, _as_ordered(series), late, lag))
     for rate in rates.tolist():
         progress(len(trains) + len(tried), total)
         tried.append(_at_rate(series, rate))
@@ -118,17 +121,20 @@ def slower_rudder(
     from scipy.optimize import minimize_scalar  # slow to load, and few recordings need it
 
     found = minimize_scalar(
-        lambda rate: math.log(_at_rate(series, math.exp(rate)).square), bounds=tuple(around), method="bounded"
+        lambda rate: math.log(_at_rate(series, math.exp(rate)).square),
+        bounds=tuple(around),
+        method="bounded",
+        options={"xatol": CLOSE},
     )
     rate = math.exp(float(found.x))
     here = _at_rate(series, rate)
-    evidence = 0.5 * here.independent * math.log(as_filed.square / here.square) - len(series)
-    if not evidence > 0.0:
+    gain = 0.5 * here.independent * math.log(as_filed.square / here.square)
+    if not gain > 0.0:
         return None
     beside = [math.log(_at_rate(series, rate * math.exp(side * BESIDE)).square) for side in (-1.0, 1.0)]
     bend = 0.5 * here.independent * (sum(beside) - 2.0 * math.log(here.square)) / (BESIDE * BESIDE)
     error = rate / math.sqrt(max(bend, math.log(LADDER) ** -2))
-    return RudderRate(rate, error, _movements(series, rate), True, evidence > SURE)
+    return RudderRate(rate, error, _movements(series, rate), True, gain - len(series) > SURE)
 
 
 def shows_rate(runs: Sequence[Run], filed: float) -> bool:
@@ -137,7 +143,7 @@ def shows_rate(runs: Sequence[Run], filed: float) -> bool:
     series = [each for run in runs for segment in run.segments if (each := _series(segment)) is not None]
     if not series:
         return False
-    as_filed, half = _misfit(series, math.inf, 0.0, 0.0), _at_rate(series, 0.5 * filed)
+    as_filed, half = _misfit(series, _as_ordered(series), 0.0, 0.0), _at_rate(series, 0.5 * filed)
     return 0.5 * as_filed.independent * math.log(half.square / as_filed.square) > SURE
 
 
@@ -152,17 +158,25 @@ def with_rudder_of(run: Run, rate: RudderRate) -> Run:
 def with_doubt_of_rate(
     found: Identified, ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
 ) -> Identified:
-    """Return `found`, fitted to the runs as `ordered` behind a gear of that `rate`, with the rate's doubt in its own.
+    """Return `found`, fitted to the runs as `ordered` behind a gear of that `rate`, or what is fitted behind the
+    likeliest rate near it, with the rate's doubt in its own.
 
-    To first order covariances add: of parameters p(s) fitted at a rate s of deviation e, C + (p' e)(p' e)', with p' e
-    half the difference of fits at s - e and s + e (a rate that was found first and held then: Murphy and Topel 1985).
+    To first order covariances add: of parameters p(s) fitted at a rate s of deviation e, C + (p' e)(p' e)', with p' by
+    the difference of fits to either side (a rate that was found first and held then: Murphy and Topel 1985). Rate and
+    deviation are those of the fit's own likelihood, where it has one that bends: it knows of gusts, and of orders whose
+    moments nobody knows, which smear the turning over the time between two reports as a slower gear would.
     What only one of the two fits could tell adds its distance from `found`. Where neither can be made, nothing is
     known of the doubt, and InputError is raised.
     """
+    near = _likeliest_rate(found, ordered, rate)
+    if near is not None:
+        moved = found if near.rate.rate == rate.rate else _behind(ordered, near.rate, identify)
+        if moved is not None:
+            return _spread(moved, near.slow, near.quick, near.share, near.rate)
     beside = list[Identified]()
     for side in (-1.0, 1.0):
-        moved = rate._replace(rate=rate.rate + side * rate.standard_error)
-        if (there := _behind(ordered, moved, identify)) is not None:
+        moved_by = rate._replace(rate=rate.rate + side * rate.standard_error)
+        if (there := _behind(ordered, moved_by, identify)) is not None:
             beside.append(there)
     if not beside:
         raise InputError(
@@ -170,7 +184,11 @@ def with_doubt_of_rate(
             "than the boat's turning shows it; record the rudder's angle."
         )
     slow, quick = (found, beside[0]) if len(beside) == 1 else beside
-    share = 1.0 if len(beside) == 1 else 0.5
+    return _spread(found, slow, quick, 1.0 if len(beside) == 1 else 0.5, rate)
+
+
+def _spread(found: Identified, slow: Identified, quick: Identified, share: float, rate: RudderRate) -> Identified:
+    """Return `found` behind a gear of that `rate`, a `share` of the difference of two fits as one more deviation."""
     errors = dict(found.standard_errors)
     for name, error in errors.items():
         if error is not None:
@@ -186,6 +204,59 @@ def with_doubt_of_rate(
     return _doubting(found, errors, covariance, of_ratios)._replace(rudder_rate=rate)
 
 
+class _Likeliest(NamedTuple):
+    """The likeliest rate, boats to either side of it, and its deviation as a share of what these are apart."""
+
+    rate: RudderRate
+    slow: Identified
+    quick: Identified
+    share: float
+
+
+def _likeliest_rate(found: Identified, ordered: Sequence[Run], rate: RudderRate) -> _Likeliest | None:
+    """Return the rate near `rate` behind which the runs are likeliest: Newton's steps on the likelihood's parabola
+    through three rates, each with the likeliest boat; None where there is no likelihood, or it does not bend there."""
+    likely, speed, h = found.likely, found.model.reference_speed, rate.standard_error
+    if likely is None or likely.around is not None or found.around is not None:
+        return None
+    known = dict[float, LikelihoodFit | None]()
+
+    def behind(at: float) -> LikelihoodFit | None:
+        if at not in known:
+            moved = [with_rudder_of(run, rate._replace(rate=at)) for run in ordered]
+            known[at] = moved_to(likely, _segments_of(moved), speed)
+        return known[at]
+
+    here = float(rate.rate)
+    for _ in range(STEPS):
+        fits = [behind(here + side * h) for side in (-1.0, 0.0, 1.0)] if here > 2.0 * h else []
+        if None in fits or not fits:
+            return None
+        slow, middle, quick = (fit for fit in fits if fit is not None)
+        bend = slow.loss + quick.loss - 2.0 * middle.loss
+        way = 0.5 * (slow.loss - quick.loss)
+        error = h / math.sqrt(bend) if bend > 0.0 else math.inf
+        step = h * way / bend if bend > 0.0 else math.copysign(2.0 * h, way)
+        if abs(step) < SAME_RATE * error < math.inf:
+            likeliest = rate._replace(rate=here, standard_error=error)
+            return _Likeliest(likeliest, _as_identified(found, slow), _as_identified(found, quick), 0.5 * error / h)
+        here += float(max(-2.0 * h, min(2.0 * h, step)))
+    return None
+
+
+def _as_identified(found: Identified, fit: LikelihoodFit) -> Identified:
+    """Return `found` with the values of that `fit`."""
+    model, _ = in_norrbin(fit, found.model.reference_speed)
+    ratios = found.ratios and Ratios((fit.rates.a, fit.rates.b, fit.rates.d, fit.rates.e), found.ratios.errors)
+    return found._replace(model=model, train=fit.train, ratios=ratios)
+
+
+SAME_RATE = 0.2
+"""Of the rate's deviation: a boat that is off by so much of it has 2 % of that variance more."""
+STEPS = 6
+"""Of Newton's to the likeliest rate, at most: each goes two deviations of the rate that was found first at most."""
+
+
 def with_unsure_rate(
     found: Identified, ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
 ) -> Identified:
@@ -196,10 +267,24 @@ def with_unsure_rate(
     square about the first is C = (1 - q) C1 + q (C2 + (p2 - p1)(p2 - p1)'); q by their likelihoods, the one with a
     number more, the rate, less likely by one (Akaike 1974). Where either has none, `found` stays.
     """
-    behind = _behind(ordered, rate, identify)
-    if behind is None or found.likely is None or behind.likely is None:
+    if found.likely is None:
         return found
-    gain = found.likely.loss - behind.likely.loss - 1.0
+    near = _likeliest_rate(found, ordered, rate)
+    rate = rate if near is None else near.rate._replace(is_sure=False)
+    moved, speed = [with_rudder_of(run, rate) for run in ordered], found.model.reference_speed
+    pair = [moved_to(found.likely, _segments_of(runs), speed) for runs in (ordered, moved)]
+    if pair[0] is not None and pair[1] is not None and pair[0].loss - pair[1].loss - 1.0 < -SURE:
+        return found
+    behind = _behind(ordered, rate, identify)
+    if behind is None or behind.likely is None:
+        return found
+    # likelihoods are compared on one grid of times
+    pair = [found.likely, behind.likely]
+    if [motion.shape for motion in found.likely.motions] != [motion.shape for motion in behind.likely.motions]:
+        pair = [moved_to(behind.likely, _segments_of(runs), speed) for runs in (ordered, moved)]
+    if pair[0] is None or pair[1] is None:
+        return found
+    gain = pair[0].loss - pair[1].loss - 1.0
     if gain > SURE:
         found, behind, gain = with_doubt_of_rate(behind, ordered, rate._replace(is_sure=True), identify), found, -gain
     q = 0.5 * (1.0 + math.tanh(0.5 * gain))
@@ -221,6 +306,11 @@ def with_unsure_rate(
         pairs = zip(ratios.errors, behind.ratios.errors, ratios.values, behind.ratios.values, strict=True)
         of_ratios = [doubted(error, others, there - here) for error, others, here, there in pairs]
     return _doubting(found, errors, covariance, of_ratios)
+
+
+def _segments_of(runs: Sequence[Run]) -> tuple[Segment, ...]:
+    """Return the segments of all runs."""
+    return tuple(segment for run in runs for segment in run.segments)
 
 
 def _behind(
@@ -284,12 +374,35 @@ def _mean_of(values: FloatArray, count: int) -> FloatArray:
 
 
 def _at_rate(series: Sequence[_Series], rate: float) -> _Misfit:
-    return min(_misfit(series, rate, late, 0.0) for late in LATER[:3])
+    moved = [_moved(each, rate) for each in series]
+    return min(_misfit(series, moved, late, 0.0) for late in LATER[:3])
 
 
-def _misfit(series: Sequence[_Series], rate_max: float, late: float, lag: float) -> _Misfit:
-    """Return the misfit with the best time constant."""
-    driven = [(_driven(each, rate_max, late, lag), _unknown(each, rate_max, late)) for each in series]
+Driven = Sequence[tuple[FloatArray, FloatArray | None]]
+"""Of each stretch the rudder, and what it may be off by from a beginning at another angle than ordered, if it may."""
+
+
+def _as_ordered(series: Sequence[_Series]) -> Driven:
+    return [(each.rudder, None) for each in series]
+
+
+def _moved(series: _Series, rate_max: float) -> tuple[FloatArray, FloatArray]:
+    """Return the rudder behind a gear of that rate, as in `Driven`."""
+    time, orders = series.dt * np.arange(float(series.rudder.size)), series.rudder
+    begins = (float(orders[0]), float(np.max(orders)), float(np.min(orders)))
+    from_order, high, low = (rate_limited(time, np.concatenate([[side], orders[1:]]), rate_max) for side in begins)
+    return from_order, high - low
+
+
+def _misfit(series: Sequence[_Series], moved: Driven, late: float, lag: float) -> _Misfit:
+    """Return the misfit of the rudder as it `moved`, late and lagging, with the best time constant."""
+    driven = [
+        (
+            _turning(each, _low_pass(rudder, each.dt, lag) if lag > 0.0 else rudder, late),
+            None if unknown is None else _turning(each, unknown, late),
+        )
+        for each, (rudder, unknown) in zip(series, moved, strict=True)
+    ]
     squares = [_square(series, driven, float(time)) for time in TIMES]
     best = int(np.argmin(squares))
     bounds = (math.log(TIMES[max(best - 1, 0)]), math.log(TIMES[min(best + 1, len(TIMES) - 1)]))
@@ -302,27 +415,6 @@ def _misfit(series: Sequence[_Series], rate_max: float, late: float, lag: float)
     return _Misfit(max(float(np.mean(residual * residual)), NO_MISFIT), residual.size / _remembered(residual))
 
 
-def _driven(series: _Series, rate_max: float, late: float, lag: float) -> FloatArray:
-    """Return the rudder, at this rate, late and lagging, times the speed."""
-    dt, moved = series.dt, series.rudder
-    if math.isfinite(rate_max):
-        moved = rate_limited(dt * np.arange(float(moved.size)), moved, rate_max)
-    if lag > 0.0:
-        moved = _low_pass(moved, dt, lag)
-    return _turning(series, moved, late)
-
-
-def _unknown(series: _Series, rate_max: float, late: float) -> FloatArray | None:
-    """Return what `_driven` may be off by from a beginning at another angle than ordered; None at any rate."""
-    if not math.isfinite(rate_max):
-        return None
-    time, orders = series.dt * np.arange(float(series.rudder.size)), series.rudder
-    high, low = (
-        rate_limited(time, np.concatenate([[side], orders[1:]]), rate_max) for side in (np.max(orders), np.min(orders))
-    )
-    return _turning(series, high - low, late)
-
-
 def _turning(series: _Series, moved: FloatArray, late: float) -> FloatArray:
     """Return the rudder `moved` so much `late`, times the speed."""
     dt, speed = series.dt, series.speed
@@ -330,10 +422,6 @@ def _turning(series: _Series, moved: FloatArray, late: float) -> FloatArray:
         times = np.arange(moved.size)
         moved = np.interp(times - late / dt, times, moved)
     return moved * speed / max(float(np.mean(speed)), 0.1)
-
-
-Driven = Sequence[tuple[FloatArray, FloatArray | None]]
-"""Of each stretch what `_driven` and `_unknown` say."""
 
 
 def _square(series: Sequence[_Series], driven: Driven, time: float) -> float:

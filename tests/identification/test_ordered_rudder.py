@@ -148,8 +148,10 @@ def test_the_doubt_about_a_rate_that_turning_shows_is_in_gain_and_time_constant(
         run = ordered(5.0, noise_deg=0.2, seed=seed)
         rate = slower_rudder([run], FILED)
         assert rate is not None
-        held = identify([with_rudder_of(run, rate)], question)
-        found = with_doubt_of_rate(held, [run], rate, lambda runs: identify(runs, question))
+        first = identify([with_rudder_of(run, rate)], question)
+        found = with_doubt_of_rate(first, [run], rate, lambda runs: identify(runs, question))
+        assert found.rudder_rate is not None
+        held = identify([with_rudder_of(run, found.rudder_rate)], question)
         assert found.model == held.model
         for name, truth in (("gain", 0.2), ("time_constant", 5.0)):
             error, before = found.standard_errors[name], held.standard_errors[name]
@@ -183,6 +185,19 @@ def test_a_boat_is_no_likelier_for_waves_that_are_looked_for_elsewhere(
 
 
 RATE = RudderRate(math.radians(5.0), math.radians(0.2), 6, True)
+
+
+@pytest.mark.parametrize("begun_deg_s", [4.6, 5.4])
+def test_a_rate_that_is_off_ends_where_the_fit_is_likeliest(begun_deg_s: float) -> None:
+    run, question = ordered(5.0, noise_deg=0.2, seed=2026112964), Question(reference_speed=3.0)
+    begun = RATE._replace(rate=math.radians(begun_deg_s))
+    held = identify([with_rudder_of(run, begun)], question)
+    found = with_doubt_of_rate(held, [run], begun, lambda runs: identify(runs, question))
+    assert found.rudder_rate is not None
+    rate, error = (math.degrees(each) for each in found.rudder_rate[:2])
+    assert abs(rate - 5.0) < 3.0 * error < 0.5
+    T_error = found.standard_errors["time_constant"]
+    assert T_error is not None and abs(found.model.time_constant - 5.0) < 3.0 * T_error
 
 
 def fitted(time_constant: float, error: float = 0.03, b_error: float = 0.001) -> Identified:
@@ -251,6 +266,16 @@ def test_an_unsure_rate_leaves_both_boats_in_doubt_by_their_likelihoods(gain: fl
     error = math.sqrt(0.03**2 + other * 0.5**2)
     assert found.standard_errors["time_constant"] == pytest.approx(error)
     assert found.covariance is not None and math.sqrt(found.covariance[1, 1]) == pytest.approx(error)
+
+
+def test_an_unsure_rate_that_is_out_of_the_question_is_fitted_no_more() -> None:
+    def never(runs: object) -> Identified:
+        raise AssertionError("fitted")
+
+    run = ordered(20.0, noise_deg=0.2, seed=2026112965)
+    held = identify([run], Question(reference_speed=3.0))
+    slow = RudderRate(math.radians(2.5), math.radians(0.05), 6, True, False)
+    assert with_unsure_rate(held, [run], slow, never) is held
 
 
 def test_an_unsure_rate_behind_which_nothing_is_found_stays_out() -> None:
