@@ -12,6 +12,7 @@ from autopilot.cli.main import answer
 from autopilot.cli.options import (
     SEED,
     SPEEDUP,
+    HelpText,
     Parser,
     add_completion_parser,
     add_waiting_option,
@@ -45,7 +46,7 @@ def build_parser() -> argparse.ArgumentParser:
         prog="sitl",
         description="A simulated boat on real links.",
         epilog=EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpText,
     )
     parser.add_argument("--version", action="version", version=f"norrbin {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
@@ -55,7 +56,7 @@ def build_parser() -> argparse.ArgumentParser:
         description="Serve a simulated boat as an ArduRover flight controller over MAVLink and as NMEA instruments "
         "with a rudder drive on a pseudo-terminal. One line 'ready ...' is printed for each link.",
         epilog=EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpText,
     )
     _add_serve_options(serve)
     physics = commands.add_parser(
@@ -64,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
         description="Move the boat of a vessel file for ArduPilot's simulator, in lock-step: start it, then "
         "`ardurover --model JSON:127.0.0.1` or `sim_vehicle.py -v Rover --model JSON:127.0.0.1`.",
         epilog=EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpText,
     )
     _add_physics_options(physics)
     _add_fault_command(commands)
@@ -180,7 +181,7 @@ def _add_fault_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
         description="Give a served boat a fault: `sitl fault rudder_stuck for=10`. `list` names "
         "the active faults, `clear [KIND]` ends them; --kinds shows every kind with its size.",
         epilog=EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpText,
     )
     fault.add_argument(
         "words",

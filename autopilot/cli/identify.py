@@ -42,7 +42,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
     parser.description = DESCRIPTION
     parser.epilog = COLUMNS_HELP
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("logs", nargs="*", metavar="LOG", help="logs to fit (for the kinds see `autopilot log -h`)")
     parser.add_argument("--holdout", nargs="+", default=[], metavar="LOG", help="recordings to predict, not to fit")
     parser.add_argument("--steady-turns", metavar="FILE", help="CSV of steady turns (rudder, yaw rate): gives n3")

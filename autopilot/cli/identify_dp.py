@@ -57,7 +57,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the `identify-dp` subcommand."""
     parser.description = DESCRIPTION
     parser.epilog = COLUMNS_HELP
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("trial", metavar="LOG.csv", help="recorded trial")
     parser.add_argument("--ship", metavar="SHIP.yaml", required=True, help="the ship and its thrusters")
     parser.add_argument("--out", metavar="SHIP.yaml", help="write the ship with what was found, for the next log")

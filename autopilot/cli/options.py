@@ -242,6 +242,10 @@ MANY = 10
 CHOICE = re.compile(r"argument (.+?): invalid choice: '?(.*?)'? \(choose from (.*)\)$")
 
 
+SECOND_COLUMN = re.compile(r" *(\S+ {2,})?")
+"""What stands before the second column of a line, or before its words."""
+
+
 class HelpText(argparse.RawDescriptionHelpFormatter):
     """As wide as the terminal: by itself argparse loads a module of archives to learn that."""
 
@@ -252,6 +256,20 @@ class HelpText(argparse.RawDescriptionHelpFormatter):
         except (OSError, ValueError):  # no terminal, or more digits than a number has
             width = 0
         super().__init__(prog, width=(width or 80) - 2)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Keep the lines as they are; one that is too long goes on below its second column."""
+        import textwrap
+
+        lines = []
+        for line in text.splitlines():
+            head = SECOND_COLUMN.match(line)
+            hanging = " " * (len(head[0]) if head else 0)
+            fitting = textwrap.wrap(
+                line, width, subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False
+            )
+            lines += fitting if len(line) > width else [line]
+        return "\n".join(f"{indent}{line}" for line in lines)
 
 
 class Parser(argparse.ArgumentParser):

@@ -65,6 +65,13 @@ def test_help_shows_every_option_once_and_is_of_our_kind(parser: argparse.Argume
     assert shown.endswith("\n")
 
 
+@pytest.mark.parametrize("parser", ALL, ids=lambda parser: parser.prog)
+def test_help_fits_its_terminal(parser: argparse.ArgumentParser, monkeypatch: pytest.MonkeyPatch) -> None:
+    for columns in (75, 80):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        assert [line for line in parser.format_help().splitlines() if len(line) > columns] == []
+
+
 @pytest.mark.parametrize("columns", ["", "0", "-1", "x", "60", "9" * 5000])
 def test_the_help_comes_whatever_width_is_given(columns: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", columns)

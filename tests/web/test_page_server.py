@@ -679,6 +679,7 @@ def test_every_command_has_a_manual_page_with_its_options(packages: Any, monkeyp
         head, heading, said, *rest = text.splitlines()
         assert head.startswith(f".TH {name.upper()} 1 ") and heading == ".SH NAME", name
         assert said.startswith(f"{name} \\- ") and len(said) > len(name) + 8, name
+        assert max(len(line.replace("\\", "")) for line in rest) <= 73, name
         macros = {line for line in rest if line.startswith((".", "'"))}
         assert macros == {".SH DESCRIPTION", ".nf", ".fi", ".SH SEE ALSO", f".BR {name.partition('-')[0]} (1)"}, name
 
