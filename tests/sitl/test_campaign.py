@@ -406,7 +406,7 @@ GOOD = "schema_version: 1\nname: x\nboats: {b: {vessel: lanxin}}\n"
     ("text", "sentence"),
     [
         ("schema_version: 1\nname: x\n", "the key boats is missing"),
-        (GOOD.replace("version: 1", "version: 9"), "reads 1"),
+        (GOOD.replace("version: 1", "version: 9"), "of this Norrbin has 1"),
         (GOOD + "law: [pid]\n", "did you mean laws?"),
         (GOOD + "laws: [lqg]\n", "allowed are backstepping, pid, sliding"),
         (GOOD + "laws: [sliding_roll]\n", "laws[0] is the text 'sliding_roll', allowed are backstepping, pid, sliding"),
