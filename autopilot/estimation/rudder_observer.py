@@ -318,7 +318,8 @@ def rudder_rate_step(
     for place in range(1, 4):
         if costs[place] < least:
             least, best = costs[place], SLOWER[place]
-        ours = costs[place] if slower == SLOWER[place] else ours
+        # one that a sensor had measured lies between two of them
+        ours = costs[place] if slower >= SLOWER[place] else ours
     noise += lasts * (least if least > 0.0 else 0.0) / (time + time_constant)
     # a push that changes is explained by no gear, and by a slow one a little better; back to the file's needs no more
     # than that it is likelier

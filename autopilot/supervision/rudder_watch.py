@@ -122,7 +122,7 @@ class Following(NamedTuple):
     """seen: the newest angle; bucket [s]: time off its order and not on the way, within low and high [rad]; away [rad]:
     how far it has gone from its order; way [rad] and way_time [s]: how far it has come in how long while it was off to
     the same side, negative to port; slow [rad/s]: the newest rate to port and to starboard that was much slower than
-    filed, inf: none was;
+    filed, progress at least, inf: none was;
     name and shown: what is found, '' for nothing;
     late_until [s]: until then it is not our order that says where it goes; line: what its line may have held; began:
     when [s] it began to go away, and angle and order [rad] then."""
@@ -177,7 +177,7 @@ def following_step(
     moved = max(
         math.copysign(1.0, orders[0] - last.angle) * turned, math.copysign(1.0, orders[-1] - last.angle) * turned
     )
-    is_off, progress = abs(order - angle) > limits.rudder_tolerance, PROGRESS_SHARE * min(filed, ASSUMED_RATE) * elapsed
+    is_off, progress = abs(order - angle) > limits.rudder_tolerance, progress_at(filed) * elapsed
     if is_off and moved < progress:
         bucket, low, high = bucket + elapsed, min(low, angle), max(high, angle)
     else:
@@ -206,6 +206,11 @@ def following_step(
     return Following(sample, bucket, away, low, high, way, way_time, slow, name, shown, late_until, line, began)
 
 
+def progress_at(filed: float) -> float:
+    """Return the rate [rad/s] that is progress where so much is `filed`."""
+    return PROGRESS_SHARE * min(filed, ASSUMED_RATE)
+
+
 def slow_step(
     before: tuple[float, float, tuple[float, float]], limits: AlarmLimits, side: float, moved: tuple[float, float]
 ) -> tuple[float, float, tuple[float, float]]:
@@ -216,7 +221,9 @@ def slow_step(
     way, way_time = way + abs(side) * moved[0], way_time + side * moved[1]
     timed, filed = abs(way_time) - limits.rudder_delay, limits.rudder_rate * limits.rudder_sides[side > 0.0]
     if timed >= SLOW_TIME_S and STANDS < way < SLOW_SHARE * filed * timed:
-        slow = (slow[0], way / timed) if side > 0.0 else (way / timed, slow[1])
+        # what comes and goes with its order behind a sensor that is off has no rate to plan with
+        rate = max(way / timed, progress_at(limits.rudder_rate))
+        slow = (slow[0], rate) if side > 0.0 else (rate, slow[1])
     return way, way_time, slow
 
 

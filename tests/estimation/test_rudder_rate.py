@@ -23,6 +23,7 @@ from autopilot.models.steering_gear import SteeringGear, gear_step
 BOAT = Norrbin(0.2, 5.0, 5.0)
 MOST, RATE = math.radians(30.0), math.radians(5.0)
 DT = 0.1
+UNKNOWN = begun_at(0.0)
 FILED = SteeringGear(MOST, RATE)
 CALM = 0.0, 0.0, 1.0
 
@@ -35,9 +36,10 @@ def found(
     noise: float = math.radians(0.05),
     size: float = math.radians(20.0),
     gear: SteeringGear = FILED,
+    before: RudderRate = UNKNOWN,
 ) -> tuple[RudderRate, float]:
     """What is known after a square wave of commands, and where the rudder is."""
-    random, state, rudder, rate = np.random.default_rng(1), begun_at(0.0), 0.0, 0.0
+    random, state, rudder, rate = np.random.default_rng(1), before, 0.0, 0.0
     for tick in range(round(seconds / DT)):
         now = tick * DT
         command = 0.0 if now < 2.0 else size if now % 30.0 < 15.0 else -size
@@ -55,6 +57,13 @@ def test_the_gear_that_turns_the_boat_is_gone_by(slower: float) -> None:
     assert state.is_sure is (slower > 1.0)
     assert angle_of(state) == pytest.approx(rudder, abs=math.radians(0.1))
     assert gone_by(FILED, state).rate_max == pytest.approx(RATE / slower)
+
+
+@pytest.mark.parametrize(("slower", "gone"), [(1.0, 1.0), (4.0, 4.0), (8.0, 8.0), (2.8, 2.8)])
+def test_a_rate_that_a_sensor_showed_is_left_where_the_boat_answers_otherwise(slower: float, gone: float) -> None:
+    """The sensor is silent since."""
+    state, _ = found(slower, 120.0, before=measured_at(0.0, RATE, RATE / 2.8))
+    assert state.slower == pytest.approx(gone)
 
 
 @pytest.mark.parametrize("slower", [1.0, 8.0])

@@ -13,6 +13,7 @@ from watches import Following
 from autopilot.models.norrbin import Norrbin
 from autopilot.signals import NavState, RudderSample
 from autopilot.supervision.monitor_input import AlarmLimits, MonitorInput
+from autopilot.supervision.tuning import ASSUMED_RATE, PROGRESS_SHARE
 
 LIMITS = AlarmLimits(rudder_tolerance=math.radians(5.0), rudder_rate=math.radians(20.0), rudder_delay=0.1)
 BOAT = Norrbin(0.2, 2.0, reference_speed=4.0)
@@ -102,6 +103,22 @@ def test_a_rudder_is_slow_by_the_rate_that_is_filed_to_that_side(side: float) ->
         monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, side * math.radians(200.0), 0.6, True))
     measured = pytest.approx(share * LIMITS.rudder_rate, rel=0.06)
     assert monitor.value.following.slow == ((measured, math.inf) if side < 0.0 else (math.inf, math.inf))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("pace", [0.7, 1.0, 1.5])
+def test_no_turn_is_planned_with_less_than_a_rudder_s_progress(side: float, pace: float) -> None:
+    """A sensor that is off by more than is tolerated comes and goes with the sea's orders, and gains nothing."""
+    monitor, slow = Following(LIMITS), math.inf
+    for step in range(600):
+        now = 0.1 * step
+        order = 8.0 * math.sin(pace * now)
+        shown = 8.0 * math.sin(pace * (now - 0.1)) + side * 6.0 if now > 0.1 else side * 6.0
+        monitor.on_sample(RudderSample(now, math.radians(shown), False, "RSA"))
+        monitor.update(MonitorInput(now, BOAT, STATE, True, True, 0.0, math.radians(order), 0.6, True))
+        slow = min(slow, *monitor.value.following.slow)
+    assert slow < 0.5 * LIMITS.rudder_rate
+    assert slow >= PROGRESS_SHARE * ASSUMED_RATE
 
 
 @pytest.mark.parametrize(("seconds", "is_slow"), [(2.0, False), (2.4, True)])
