@@ -153,8 +153,8 @@ class PlotterGuide:
         self._passed: float | None = None
         self._jumped: tuple[float, float, float] | None = None
         """When [s] an error was said last that the boat cannot have got to, that error and the first such [m]."""
-        self._other = -math.inf
-        """When [s] another plotter than the one that is followed has said a way."""
+        self._other = (-math.inf, "")
+        """When [s] another plotter than the one that is followed has said a way, and which."""
         self._speed = 0.0
         self._strong_since = math.inf
         self._strong = ""
@@ -180,17 +180,10 @@ class PlotterGuide:
     def take(self, message: PlotterMessage) -> None:
         """Take what a plotter says; what is another's than that of the one that is followed changes nothing."""
         if self._is_anothers(message):
-            self._other = -math.inf if isinstance(message, PlotterInvalid) else message.time
+            self._take_anothers(message)
             return
         if isinstance(message, PlotterInvalid):
-            newest, since = self._candidate, message.time - TIMEOUT_S
-            self._said.pop(message.source, None)
-            if newest is not None and newest.source != message.source and newest.time >= since:
-                return  # it is of no use beside the one that leads, and why is no news
-            self._invalid = {reason: time for reason, time in self._invalid.items() if time >= since}
-            self._invalid[message.reason] = message.time
-            if newest is None or newest.source == message.source:
-                self._message = self._candidate = None
+            self._take_invalid(message)
             return
         self._invalid.clear()
         before, self._candidate = self._said.pop(message.source, None), message
@@ -199,6 +192,8 @@ class PlotterGuide:
             del self._said[next(iter(self._said))]
         if before is None or message.time - before.time > TIMEOUT_S:
             self._began = message.time
+        if self._jumped is not None and message.time - self._jumped[0] > TIMEOUT_S:
+            self._jumped = None
         if isinstance(message, PlotterLeg) and self._jumps(message):
             first = self._jumped[2] if self._jumped is not None else abs(message.cross_track)
             self._jumped = message.time, message.cross_track, first
@@ -217,20 +212,37 @@ class PlotterGuide:
         if self._message is message:
             self._led, self._jumped = message, None
 
+    def _take_anothers(self, message: PlotterMessage) -> None:
+        if not isinstance(message, PlotterInvalid):
+            self._other = message.time, message.source
+        elif message.source == self._other[1]:
+            self._other = -math.inf, ""
+
+    def _take_invalid(self, message: PlotterInvalid) -> None:
+        newest, since = self._candidate, message.time - TIMEOUT_S
+        self._said.pop(message.source, None)
+        if newest is not None and newest.source != message.source and newest.time >= since:
+            return  # it is of no use beside the one that leads, and why is no news
+        self._invalid = {reason: time for reason, time in self._invalid.items() if time >= since}
+        self._invalid[message.reason] = message.time
+        if newest is None or newest.source == message.source:
+            self._message = self._candidate = None
+
     def _jumps(self, message: PlotterLeg) -> bool:
         """Return whether it names the leg that is led along, and an error that the boat cannot have got to."""
         led, jumped = self._led, self._jumped
         if not self.following or self._confirmed or not isinstance(led, PlotterLeg) or not _is_same(led, message):
             return False
-        is_fresh = jumped is not None and message.time - jumped[0] <= TIMEOUT_S
-        if is_fresh and jumped and abs(message.cross_track - jumped[1]) <= self._reach(message, jumped[0]):
-            return True
-        grown = abs(message.cross_track) - abs(led.cross_track)
-        return grown > led.step + self._reach(message, led.time)
+        grown, steps = abs(message.cross_track) - abs(led.cross_track), JUMP_M + message.step + led.step
+        if jumped is not None:
+            # at once it has come back where it is nearer to the error before the jump than to the first behind it
+            leaps = abs(message.cross_track - jumped[1]) > JUMP_M + message.step + self._reach(message.time - jumped[0])
+            return grown > (0.5 * (jumped[2] - abs(led.cross_track)) if leaps else steps)
+        return grown > steps + self._reach(message.time - led.time)
 
-    def _reach(self, message: PlotterLeg, since: float) -> float:
-        """Return by how much [m] the error may have changed since a time [s]."""
-        return JUMP_M + message.step + max(JUMP_SPEED, JUMP_SPEEDS * self._speed) * (message.time - since)
+    def _reach(self, seconds: float) -> float:
+        """Return how far [m] a boat may have gone across its leg in this time."""
+        return max(JUMP_SPEED, JUMP_SPEEDS * self._speed) * seconds
 
     def unread(self, now: float, reason: str) -> None:
         """Take that something came at `now` [s] which cannot be led along; where nothing else comes, `reason` is
@@ -297,9 +309,6 @@ class PlotterGuide:
 
     def _event(self, now: float, message: PlotterLeg | PlotterHeading | None) -> AlarmEvent | None:
         held = f"holding {compass_text(self._held or 0.0, 1)} deg"
-        if self._jumped is not None and now - self._jumped[0] <= TIMEOUT_S:
-            far = f"its error has jumped to {self._jumped[2]:.0f} m: check its GPS, or type f to follow it"
-            return AlarmEvent("plotter_invalid", f"({far}): {held}")
         newest = self._candidate
         is_fresh = newest is not None and now - newest.time <= TIMEOUT_S
         waits = is_fresh and newest is not None and message is not newest and not self._is_still_said(newest.time)
@@ -307,6 +316,9 @@ class PlotterGuide:
             far = f"further than {math.degrees(TURN_MOST):.0f} deg from the leg before"
             to = f" to {newest.name}" if isinstance(newest, PlotterLeg) and newest.name else ""
             return AlarmEvent("plotter_turn", f"{compass_text(self._wants_far, 1)} deg{to}, {far}")
+        if self._jumped is not None and now - self._jumped[0] <= TIMEOUT_S:
+            far = f"its error has jumped to {self._jumped[2]:.0f} m: check its GPS, or type f to follow it"
+            return AlarmEvent("plotter_invalid", f"({far}): {held}")
         is_passed = isinstance(message, PlotterLeg) and message.passed
         self._passed = (self._passed or now) if is_passed else None
         if self._passed is not None and isinstance(message, PlotterLeg) and now - self._passed >= PASSED_S:
@@ -321,7 +333,7 @@ class PlotterGuide:
             return AlarmEvent("plotter_invalid", f"({reasons}): {held}")
         if now - self._unread[0] <= TIMEOUT_S:
             return AlarmEvent("plotter_invalid", f"({self._unread[1]}): {held}")
-        other = ", f follows another that leads elsewhere" if now - self._other <= TIMEOUT_S else ""
+        other = ", f follows another that leads elsewhere" if now - self._other[0] <= TIMEOUT_S else ""
         return AlarmEvent("plotter_silent", f"for {TIMEOUT_S:.0f} s or more: {held}{other}")
 
     def _too_strong(self, now: float, message: PlotterLeg | PlotterHeading | None) -> str:

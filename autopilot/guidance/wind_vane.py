@@ -231,14 +231,19 @@ def hold_of(heading: float, wind: Wind, is_true: bool) -> Hold:
 
 
 def true_angle(hold: Hold, wind: Wind) -> float:
-    """Return the angle to the true wind [rad] at which the hold's is had: sin(t - a) = U/W sin a.
+    """Return the angle to the true wind [rad] at which the hold's is had: sin(t - a) = U/W sin a; on the hold's side.
 
-    Where the boat is so fast that the apparent wind never gets so far aft, it is that at which it gets furthest.
+    Where the boat is so fast that the apparent wind never gets so far aft, it is that at which it gets furthest; where
+    it outruns the wind no more, dead before it.
     """
     if hold.is_true:
         return hold.angle
-    between = math.asin(clip(wind.u / wind.speed * math.sin(hold.angle), -1.0, 1.0))
-    return wrap(hold.angle + (math.pi - between if hold.outruns else between))
+    ratio, apparent = wind.u / wind.speed, abs(hold.angle)
+    if ratio > 1.0:
+        apparent = min(apparent, math.asin(1.0 / ratio))
+    between = math.asin(clip(ratio * math.sin(apparent), -1.0, 1.0))
+    true = apparent + (math.pi - between if hold.outruns else between)
+    return wrap(math.copysign(min(true, math.pi), hold.angle))
 
 
 class Manoeuvre(IntEnum):
@@ -356,10 +361,12 @@ class WindGuide:
         """Turn by so much [rad] to starboard: the angle held gets smaller where the wind is from starboard."""
         if self.hold is None or self.lost:
             raise InputError("no wind is being held: order it first")
-        if self._turn is not None and math.isinf(self._turn.until) and not self._turn.is_late(self._now):
+        under_way = self._turn if self._turn is not None and math.isinf(self._turn.until) else None
+        if under_way is not None and not under_way.is_late(self._now):
             raise InputError("the boat is still turning to the other side of the wind")
         wanted = self.hold._replace(angle=wrap(self.hold.angle - turn))
-        self._refuse_other_side(true_angle(self.hold, self.vane.wind), wanted)
+        if under_way is None:  # a boat that hangs between the sides may go on or back
+            self._refuse_other_side(true_angle(self.hold, self.vane.wind), wanted)
         self.hold = wanted
         self.asked, self._turn, self._held = None, None, math.nan
 

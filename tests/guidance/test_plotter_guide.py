@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 import pytest
 from alarm_texts import words
@@ -425,6 +426,44 @@ def test_an_error_that_no_boat_gets_to_turns_nothing_until_it_is_confirmed() -> 
     assert boat.guide.alarm is None and shortest_turn(0.3, boat.heading) < -math.radians(30.0)
 
 
+@pytest.mark.parametrize("step", [1.0, 5.0, 12.0])
+def test_an_error_that_comes_back_by_and_by_is_followed_again(step: float) -> None:
+    boat = Boat(0.3, 0.0, 0.3)
+    boat.guide.follow()
+    boat.sail(20.0)
+    off = 200.0
+    while off > 0.0:
+        boat.guide.take(boat.message()._replace(cross_track=off))
+        boat.sail(1.0, talking=False)
+        off -= step
+    boat.sail(60.0)
+    assert boat.guide.alarm is None and abs(boat.off) < 3.0
+
+
+@pytest.mark.parametrize("noise", [0.0, 5.0, 20.0])
+def test_an_error_that_stays_jumped_is_not_followed_however_long(noise: float) -> None:
+    boat, chance = Boat(0.3, 0.0, 0.3), random.Random(20261129)
+    boat.guide.follow()
+    boat.sail(20.0)
+    held = boat.heading
+    for second in range(600):
+        off = (200.0 if second < 300 else 230.0) + noise * chance.gauss(0.0, 1.0)
+        boat.guide.take(boat.message()._replace(cross_track=off))
+        boat.sail(1.0, talking=False)
+        assert "has jumped" in words(boat.guide.alarm) and abs(shortest_turn(boat.heading, held)) < math.radians(2.0)
+
+
+def test_a_far_turn_is_asked_for_though_the_error_has_jumped_before() -> None:
+    guide = PlotterGuide()
+    guide.follow()
+    for second in range(20):
+        far = second > 14
+        off = 0.0 if second < 10 or far else 200.0
+        guide.take(PlotterLeg(float(second), 2.0 if far else 0.0, off, 0.0, "B" if far else "A"))
+        guide.course(float(second), 0.0, SPEED)
+    assert guide.alarm is not None and guide.alarm.name == "plotter_turn"
+
+
 def test_an_error_that_grew_in_a_long_silence_is_followed() -> None:
     boat = Boat(0.3, 0.0, 0.3)
     boat.guide.follow()
@@ -502,3 +541,25 @@ def test_the_alarm_of_a_silent_plotter_names_the_other_that_may_be_followed() ->
         guide.take(PlotterLeg(float(second), 1.0, 0.0, 0.0, "B", source="two"))
         course = guide.course(float(second), 0.0, SPEED)
     assert course == pytest.approx(1.0) and guide.alarm is None
+
+
+def test_an_idle_third_plotter_does_not_hide_the_one_that_may_be_followed() -> None:
+    guide, said = PlotterGuide(), set()
+    guide.follow()
+    for second in range(40):
+        now = float(second)
+        if second < 10:
+            guide.take(PlotterLeg(now, 0.0, 0.0, 0.0, "A", source="one"))
+        if second > 5:
+            guide.take(PlotterLeg(now, 1.0, 0.0, 0.0, "B", source="two"))
+        guide.course(now, 0.0, SPEED)
+        if second > 20:
+            said.add(words(guide.alarm))
+        guide.take(PlotterInvalid(now, "its navigation has ended", source="three"))
+        guide.course(now + 0.5, 0.0, SPEED)
+        if second > 20:
+            said.add(words(guide.alarm))
+    assert len(said) == 1 and "f follows another" in said.pop()
+    guide.take(PlotterInvalid(40.0, "its navigation has ended", source="two"))
+    guide.course(40.0, 0.0, SPEED)
+    assert "f follows" not in words(guide.alarm)

@@ -92,6 +92,22 @@ def test_the_angle_that_is_held_is_had_on_the_heading_that_is_ordered(true: floa
     assert abs(wrap(back - hold.angle)) < 1.0e-5
 
 
+@given(ANGLES, st.floats(1.0, 25.0), st.floats(0.0, 15.0), st.booleans())
+def test_no_apparent_angle_leads_to_the_other_side(angle: float, speed: float, way: float, outruns: bool) -> None:
+    true = true_angle(Hold(angle, False, outruns), Wind(0.0, speed, way))
+    assert true * angle >= 0.0 or abs(true) > math.pi - 1.0e-9
+
+
+@given(st.floats(0.0, 1.0), st.floats(1.0, 10.0), st.floats(1.01, 4.0), st.booleans())
+def test_an_angle_too_far_aft_is_held_as_far_aft_as_it_gets(
+    beyond: float, speed: float, ratio: float, outruns: bool
+) -> None:
+    most = math.asin(1.0 / ratio)
+    asked = most + beyond * (math.pi - most)
+    true = true_angle(Hold(asked, False, outruns), Wind(0.0, speed, ratio * speed))
+    assert math.atan2(math.sin(true), math.cos(true) + ratio) == pytest.approx(most, abs=1.0e-6)
+
+
 @given(ANGLES, st.floats(1.0, 25.0), st.floats(0.0, 12.0), st.booleans(), st.booleans())
 def test_port_and_starboard_are_mirror_images(
     angle: float, speed: float, way: float, is_true: bool, outruns: bool
@@ -344,6 +360,25 @@ def test_a_boat_in_irons_is_said_for_as_long_and_may_be_turned_back() -> None:
     boat.quick = 6.0 * DEG
     boat.sail(60.0)
     assert boat.guide.alarm is None and wrap(boat.wind_from - boat.heading) == pytest.approx(45.0 * DEG, abs=0.02)
+
+
+@pytest.mark.parametrize("back", [40.0, 70.0])
+def test_a_boat_that_hangs_in_irons_may_be_ordered_back_to_its_side(back: float) -> None:
+    boat = Boat(quick=6.0 * DEG)
+    boat.hold(True, 45.0 * DEG)
+    boat.sail(30.0)
+    boat.guide.ask(boat.now, Manoeuvre.TACK)
+    boat.guide.confirm(boat.now)
+    boat.sail(6.0)
+    boat.quick = 1.0e-4
+    boat.sail(70.0)
+    assert boat.guide.hold is not None
+    boat.guide.turn_by(boat.guide.hold.angle - back * DEG)
+    boat.quick = 6.0 * DEG
+    boat.sail(30.0)
+    assert wrap(boat.wind_from - boat.heading) == pytest.approx(back * DEG, abs=0.02)
+    with pytest.raises(InputError, match="that is a tack"):
+        boat.guide.turn_by(2.0 * back * DEG)
 
 
 def test_a_calm_is_named_and_is_no_silent_vane() -> None:
