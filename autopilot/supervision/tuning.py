@@ -149,7 +149,7 @@ ASSUMED_RATE = math.radians(5.0)  # 30 %: nothing
 """Progress is this share of the filed rate, and of this rate [rad/s] at most: as much where no rate is filed."""
 LONGEST_GAP_S = 1.0  # 30 %: rms x 0.90, travel x 0.90
 """Angles, or headings, further apart [s] prove nothing."""
-SLOW_SHARE = 0.5
+SLOW_SHARE = 0.5  # 30 % more: 6 of 121 rudders of 0.7 to 1.0 of their rate are called slow, in place of none
 SLOW_TIME_S = 2.0
 """A rudder that is off its order goes there at its filed rate: less than this share of it for so long is a slow one."""
 STANDS = math.radians(0.5)
