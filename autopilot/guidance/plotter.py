@@ -165,6 +165,7 @@ class PlotterGuide:
         if not self.following:
             self.following = True
             self._held = self._led = self._began = None
+            self._jumped, self._strong_since, self._strong = None, math.inf, ""
             self._drift = 0.0
             # the leg that was steered before is as new as any other
             self._message = None

@@ -109,15 +109,17 @@ def load_column_map(path: str) -> dict[str, str]:
     taken: dict[str, str] = {}
     for key, node in root.value.items():
         if key not in COLUMNS:
-            raise node.key_fault(
-                f"{key} is not a quantity with its unit{_nearest(key, list(COLUMNS))}; known are {', '.join(COLUMNS)}."
-            )
+            raise node.key_fault(_unknown(key))
         if not isinstance(node.value, str):
             raise node.fault(f"{key} must be the name of a column; put the name in quotes.")
         other = taken.setdefault(COLUMNS[key].si_name, key)
         if other != key:
             raise node.key_fault(f"{other} and {key} name the same quantity; keep one of them.")
     return {key: str(node.value) for key, node in root.value.items()}
+
+
+def _unknown(key: str) -> str:
+    return f"{key} is not a quantity with its unit{_nearest(key, list(COLUMNS))}; known are {', '.join(COLUMNS)}."
 
 
 FloatArray = NDArray[np.float64]
@@ -376,6 +378,8 @@ def _places(path: str, header: Sequence[str], column_map: Mapping[str, str] | No
     wanted = column_map if column_map is not None else {name: name for name in COLUMNS if name in header}
     places: dict[str, Place] = {}
     for quantity, name in wanted.items():
+        if quantity not in COLUMNS:
+            raise InputError(f"{path}: {_unknown(quantity)}")
         if name not in header:
             raise InputError(
                 f"{path}: has no column '{name}' (for {quantity}){_nearest(name, header)}; its columns are "

@@ -141,6 +141,8 @@ def test_a_table_is_read_by_names_of_its_own(tmp_path: Path) -> None:
     log.write_text("t,helm,course,log\n" + rows)
     columns = {"time_s": "t", "rudder_deg": "helm", "heading_deg": "course", "speed_kn": "log"}
     assert autopilot.read_log(log, columns=columns).segments[0].speed[0] == pytest.approx(4.0 * 1852.0 / 3600.0)
+    with pytest.raises(autopilot.InputError, match="rudder is not a quantity with its unit"):
+        autopilot.read_log(log, columns={"rudder": "helm"})
 
 
 def nothing(now: float, tick: object) -> autopilot.Order:

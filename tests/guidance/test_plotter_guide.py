@@ -496,6 +496,25 @@ def test_a_current_that_the_leg_cannot_be_held_in_is_said(across: float) -> None
     assert boat.guide.alarm is None
 
 
+def test_a_plotter_that_is_followed_anew_is_judged_anew() -> None:
+    boat = Boat(0.0, 0.0, 0.0)
+    boat.guide.follow()
+    boat.guide.stream = Set(0.0, 0.95 * SPEED, SPEED)
+    boat.sail(20.0)
+    assert boat.guide.alarm is not None
+    boat.guide.leave()
+    boat.guide.stream = Set(0.0, 0.85 * SPEED, SPEED)
+    boat.guide.follow()
+    boat.sail(5.0)
+    assert boat.guide.alarm is None
+    boat.guide.stream = None
+    boat.guide.take(boat.message()._replace(cross_track=300.0))
+    boat.guide.leave()
+    boat.guide.follow()
+    boat.sail(0.5, talking=False)
+    assert boat.guide.alarm is None
+
+
 @pytest.mark.parametrize("radius", [60.0, 700.0])
 @pytest.mark.parametrize("speed", [2.0, 5.0])
 def test_the_way_to_the_leg_bends_half_as_sharp_as_the_boat_turns(radius: float, speed: float) -> None:

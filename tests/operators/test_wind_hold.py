@@ -14,7 +14,8 @@ from autopilot.angles import shortest_turn, wrap
 from autopilot.cli.main import main
 from autopilot.errors import InputError
 from autopilot.guidance.wind_vane import Manoeuvre, WindSettings
-from autopilot.links.ground_station.commands import ACCEPTED, DENIED, REJECTED, WINDWARD
+from autopilot.links.ground_station.commands import ACCEPTED, DENIED, REJECTED, WINDWARD, Commands
+from autopilot.links.ground_station.orders import WIND
 from autopilot.signals import HeadingSample, HelmSample, Mode, WindSample
 
 
@@ -304,6 +305,24 @@ def test_an_angle_ordered_in_fail_safe_engages_and_a_step_says_that_nothing_is_s
     assert sea.sail(1.0).mode is Mode.ENGAGED
     sea.sail(60.0)
     assert off(sea.alarms.true(), 50.0) < 3.0
+
+
+@pytest.mark.parametrize("order", ["mode", "command"])
+def test_the_same_hold_asked_for_in_fail_safe_by_a_station_engages(sea: Sea, order: str) -> None:
+    commands = Commands(sea.skipper, True, sea.skipper.mission, wind=sea.skipper.wind)
+    sea.sail(10.0)
+    sea.skipper.type_line("w")
+    sea.sail(30.0)
+    sense, sea.box.sense = sea.box.sense, list  # type: ignore[method-assign]
+    assert sea.sail(4.0).mode is Mode.FAILSAFE
+    sea.box.sense = sense  # type: ignore[method-assign]
+    tick = sea.sail(4.0)
+    assert tick.mode is Mode.FAILSAFE
+    if order == "mode":
+        assert commands.set_mode(WIND, tick) == ACCEPTED
+    else:
+        assert commands.execute(WINDWARD, (0.0, math.nan, 0.0, 0.0, 0.0, 0.0, 0.0), tick) == ACCEPTED
+    assert sea.sail(1.0).mode is Mode.ENGAGED
 
 
 def test_a_frozen_vane_leaves_the_heading_from_before_and_says_so(sea: Sea) -> None:

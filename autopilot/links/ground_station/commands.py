@@ -189,7 +189,7 @@ class Commands:
         if mode == TRACK:
             return self._follow_mission(tick)
         if mode == WIND:
-            return self._hold_wind(False, None) if self.wind is not None else UNSUPPORTED
+            return self._hold_wind(tick, False, None) if self.wind is not None else UNSUPPORTED
         if tick is None or not _steers(tick):
             self._helmsman.engage(None)
         elif self.mission.is_followed or (tick.order.is_led and not self.mission.guide.following):
@@ -279,10 +279,10 @@ class Commands:
             return self._refuse(REJECTED, obstacle)
         return self._tried(lambda: self._helmsman.pattern(int(number), side, tuple(sizes)), DENIED)
 
-    def _hold_wind(self, is_true: bool, angle: float | None) -> int:
+    def _hold_wind(self, tick: Tick | None, is_true: bool, angle: float | None) -> int:
         wind = self.wind
         held = wind.hold if wind is not None and wind.following and not wind.lost else None
-        if angle is None and held is not None and held.is_true is is_true:
+        if angle is None and held is not None and held.is_true is is_true and tick and tick.mode is Mode.ENGAGED:
             return ACCEPTED
         return self._tried(lambda: self._helmsman.hold_wind(is_true, angle))
 
@@ -294,7 +294,7 @@ class Commands:
         if action in (HOLD_APPARENT, HOLD_TRUE):
             if obstacle := self._obstacle(tick):
                 return self._refuse(REJECTED, obstacle)
-            return self._hold_wind(action == HOLD_TRUE, None if math.isnan(value) else math.radians(value))
+            return self._hold_wind(tick, action == HOLD_TRUE, None if math.isnan(value) else math.radians(value))
         if action in (TACK, GYBE) and value in (-1.0, 0.0, 1.0):
             manoeuvre = Manoeuvre.TACK if action == TACK else Manoeuvre.GYBE
             return self._tried(lambda: helmsman.ask_turn(manoeuvre, int(value), confirmed == 1.0))
