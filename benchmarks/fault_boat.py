@@ -291,6 +291,36 @@ STATES: dict[str, Callable[[FaultBoat], None]] = {
 }
 
 
+def _begin_heading(boat: FaultBoat) -> None:
+    """Take over on the course that the boat has."""
+    boat.type_line("e")
+
+
+def _begin_turn(boat: FaultBoat) -> None:
+    boat.type_line("e 120")
+
+
+def _begin_track(boat: FaultBoat) -> None:
+    boat.skipper.hand_to_track()
+    boat.track.follow(route(boat))
+
+
+BEGINNINGS: dict[str, Callable[[FaultBoat], None]] = {
+    "heading": _begin_heading,
+    "turn": _begin_turn,
+    "track": _begin_track,
+}
+"""How a boat that nobody steers yet is put into a state: with these the pilot's first order comes in it."""
+ALONE_S = 3.0
+
+
+def engage(boat: FaultBoat, state: str) -> None:
+    """Put a boat that nobody steers yet into a state of `BEGINNINGS`, and go on until the pilot steers. Raises
+    AssertionError where that fails."""
+    BEGINNINGS[state](boat)
+    assert boat.run(8.0, until=is_engaged), boat.tick.alarms
+
+
 def deviation_deg(faulty: list[Moment], clean: list[Moment]) -> list[tuple[float, float]]:
     """Return (time [s], how far the boat heads from where it would without the fault [deg]) of every tick."""
     times = np.array([moment.tick.now for moment in clean])

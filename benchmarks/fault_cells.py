@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple, cast
 
-from fault_boat import FaultBoat, Injected, Moment, bring_into, deviation_deg, is_engaged
+from fault_boat import ALONE_S, BEGINNINGS, FaultBoat, Injected, Moment, bring_into, deviation_deg, engage, is_engaged
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from autopilot.control import registry
@@ -33,13 +33,15 @@ LATE_S = 0.3
 
 
 class Row(NamedTuple):
-    """A fault by its name in the matrix: what is injected, over which links, by the simulator or by `do`."""
+    """A fault by its name in the matrix: what is injected, over which links, by the simulator or by `do`; is_before: it
+    is there before the pilot steers, and counts from then on."""
 
     name: str
     faults: tuple[Injected, ...] = ()
     method: str = "companion"
     do: Callable[[FaultBoat], None] | None = None
     window_s: float = WINDOW_S
+    is_before: bool = False
 
     def inject(self, boat: FaultBoat) -> None:
         """Begin the fault now."""
@@ -164,6 +166,7 @@ ROWS: tuple[Row, ...] = (
     simple("position jumps by 200 m", "position_jump", 200.0),
     simple("rudder stuck", "rudder_stuck"),
     simple("rudder stuck, with a rudder sensor", "rudder_stuck", None, "instruments"),
+    simple("rudder stuck before engaging", "rudder_stuck")._replace(is_before=True),
     simple("rudder reversed", "rudder_reversed"),
     simple("rudder reversed, with a rudder sensor", "rudder_reversed", None, "instruments"),
     simple("rudder at a tenth of its rate", "rudder_slow", 0.1),
@@ -248,15 +251,16 @@ def state_name(tick: Tick) -> str:
 
 
 def has_cell(row: Row, state: str) -> bool:
-    """Return whether there is such a state: where there is no flight controller, nobody but the skipper takes over."""
-    return not (state == "override" and row.method == "instruments")
+    """Return whether there is such a state: where there is no flight controller, nobody but the skipper takes over; and
+    what the pilot finds as it begins to steer it finds in the state that it begins with."""
+    return state in BEGINNINGS if row.is_before else not (state == "override" and row.method == "instruments")
 
 
 def run_cells(rows: Iterable[Row], states: Iterable[str], workers: int, seed: int = 1) -> Iterator[Cell]:
     """Yield the cell of every row and state, in the sea and with the noise of a seed. Each state is reached once for
     each kind of links, then forked."""
-    by_method = sorted(rows, key=lambda row: row.method)
-    for method, group in itertools.groupby(by_method, key=lambda row: row.method):
+    by_links = sorted(rows, key=lambda row: (row.method, row.is_before))
+    for (method, _), group in itertools.groupby(by_links, key=lambda row: (row.method, row.is_before)):
         every = list(group)
         for state in states:
             if chosen := [row for row in every if has_cell(row, state)]:
@@ -264,9 +268,13 @@ def run_cells(rows: Iterable[Row], states: Iterable[str], workers: int, seed: in
 
 
 def _cells_of(method: str, state: str, rows: list[Row], workers: int, seed: int) -> Iterator[Cell]:
-    boat = FaultBoat(method, seed)
-    bring_into(boat, state)
-    clean: Any = in_child(lambda: _run(boat, None, max(row.window_s for row in rows)))()
+    boat, is_before = FaultBoat(method, seed), rows[0].is_before
+    if is_before:
+        boat.run(ALONE_S)
+    else:
+        bring_into(boat, state)
+    window_s = max(row.window_s for row in rows)
+    clean: Any = in_child(lambda: _run(boat, Row("nothing", is_before=is_before), state, window_s))()
     jobs = [functools.partial(cell, boat, row, state, clean) for row in rows]
     for first in range(0, len(jobs), workers):
         # all of these children run at once
@@ -300,9 +308,13 @@ def in_child(work: Callable[[], object]) -> Callable[[], object]:
     return result
 
 
-def _run(boat: FaultBoat, row: Row | None, window_s: float) -> list[Moment]:
+def _run(boat: FaultBoat, row: Row, state: str, window_s: float) -> list[Moment]:
+    """Return what happens after the tick in which the fault, or where that was there before the pilot, begins."""
+    if row.is_before:
+        row.inject(boat)
+        engage(boat, state)
     first = len(boat.moments)
-    if row is not None:
+    if not row.is_before:
         row.inject(boat)
     boat.run(window_s)
     return boat.moments[first:]
@@ -310,11 +322,11 @@ def _run(boat: FaultBoat, row: Row | None, window_s: float) -> list[Moment]:
 
 def cell(boat: FaultBoat, row: Row, state: str, clean: list[Moment]) -> Cell:
     """Give the boat the fault of the row and return what came of it."""
-    begin = boat.clock.time
-    before = boat.moments[-40:]
+    moments = _run(boat, row, state, row.window_s)
+    begin = round(boat.clock.time - row.window_s, 9)
+    before = boat.moments[: -len(moments)][-40:]
     known = {alarm for moment in before for alarm in moment.tick.alarms}
-    was = boat.tick
-    moments = _run(boat, row, row.window_s)
+    was = before[-1].tick
     clean = [moment for moment in clean if moment.tick.now <= moments[-1].tick.now]
     # what would have been said and done without the fault is not its doing
     known |= {alarm for moment in clean for alarm in moment.tick.alarms}

@@ -162,6 +162,7 @@ NEEDS: Mapping[str, Expect] = {
     "position jumps by 200 m": BORNE,
     "rudder stuck": noticed("rudder|pushed|off heading"),
     "rudder stuck, with a rudder sensor": reported("rudder not responding|does not obey"),
+    "rudder stuck before engaging": noticed("rudder|pushed|off heading"),
     "rudder reversed": REVERSED,
     "rudder reversed, with a rudder sensor": REVERSED,
     "rudder at a tenth of its rate": noticed(),

@@ -106,6 +106,21 @@ def test_a_rudder_that_runs_hard_over_in_a_trial_is_found_in_time(monkeypatch: p
     assert cell.off_deg < 45.0
 
 
+def test_a_rudder_stuck_before_engaging_counts_from_the_first_order_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    from fault_boat import STATES
+    from fault_cells import ROWS, run_cells
+
+    (row,) = (each for each in ROWS if each.name == "rudder stuck before engaging")
+    heading, turn = run_cells([row], [state for state in STATES if state != "track"], 1, seed=70267987)
+    assert (heading.state, heading.ends, heading.again) == ("heading", "heading", True)
+    assert (turn.state, turn.ends, turn.passed[0]) == ("turn", "failsafe", "heading")
+    assert turn.alarms[0].startswith("steering gear: rudder not responding")
+    assert turn.detected == turn.left
+    assert turn.detected is not None
+    assert 0.0 < turn.detected < 5.0
+
+
 @pytest.fixture
 def expectations(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
