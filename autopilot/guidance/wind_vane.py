@@ -292,6 +292,10 @@ class _Turn(NamedTuple):
         return math.isinf(self.until) and now - self.least_at > STALLED_S
 
 
+NO_WAY_BACK = (-math.inf, math.nan)
+"""Of a vane that stood still before an order: the heading from before is not gone back to, the order counts."""
+
+
 class WindGuide:
     """What the wind wants, as a heading. `vane` takes what is heard.
 
@@ -335,7 +339,7 @@ class WindGuide:
         self._turn: _Turn | None = None
         self.lost = ""
         self._held = math.nan
-        self._held_at_change = (-math.inf, math.nan)
+        self._held_at_change = NO_WAY_BACK
         self._now = math.nan
 
     def follow(self, now: float, is_true: bool = False, angle: float | None = None, heading: float = math.nan) -> None:
@@ -369,6 +373,7 @@ class WindGuide:
             self._refuse_other_side(true_angle(self.hold, self.vane.wind), wanted)
         self.hold = wanted
         self.asked, self._turn, self._held = None, None, math.nan
+        self._held_at_change = NO_WAY_BACK
 
     def _refuse_other_side(self, before: float, wanted: Hold) -> None:
         """Raise InputError where the boat would tack or gybe from the true angle `before` [rad] to get to `wanted`."""
@@ -416,7 +421,7 @@ class WindGuide:
             if self._turn is not None and now - self._turn.began <= CONFIRM_S:
                 return
             raise InputError("no tack or gybe waits to be confirmed")
-        self.hold = hold._replace(angle=-hold.angle)
+        self.hold, self._held_at_change = hold._replace(angle=-hold.angle), NO_WAY_BACK
         wind = self.vane.wind
         self._turn = _Turn(asked.side, wrap(wind.bearing - true_angle(self.hold, wind)), now)
 

@@ -362,6 +362,23 @@ def test_a_boat_in_irons_is_said_for_as_long_and_may_be_turned_back() -> None:
     assert boat.guide.alarm is None and wrap(boat.wind_from - boat.heading) == pytest.approx(45.0 * DEG, abs=0.02)
 
 
+@pytest.mark.parametrize(("order", "angle", "turned"), [("TACK", 45.0, 90.0), ("GYBE", 140.0, -80.0), ("", 60.0, 12.0)])
+def test_a_vane_that_froze_before_an_order_does_not_take_it_back(order: str, angle: float, turned: float) -> None:
+    boat = Boat(quick=6.0 * DEG)
+    boat.hold(True, angle * DEG)
+    boat.sail(30.0)
+    before, frozen = boat.heading, boat.sample()
+    boat.sail(2.0, sample=frozen)
+    if order:
+        boat.guide.ask(boat.now, Manoeuvre[order])
+        boat.guide.confirm(boat.now)
+    else:
+        boat.guide.turn_by(turned * DEG)
+    boat.sail(60.0, sample=frozen)
+    assert "stands still" in boat.guide.lost
+    assert shortest_turn(before, boat.heading) == pytest.approx(turned * DEG, abs=0.05)
+
+
 @pytest.mark.parametrize("back", [40.0, 70.0])
 def test_a_boat_that_hangs_in_irons_may_be_ordered_back_to_its_side(back: float) -> None:
     boat = Boat(quick=6.0 * DEG)
