@@ -142,7 +142,7 @@ CONDITIONS = {
     ),
     "rudder_slow": Condition(
         "the rudder sensor shows less than half of the filed rate to a side, or the boat's answer a quarter; turns are "
-        "then planned with what was found",
+        "then planned with what was found; where the answer tells no rate, the law uses a quarter of the gain",
         key="rudder.rate_max_deg_s",
     ),
     "path_late": Condition(
