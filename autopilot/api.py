@@ -18,7 +18,7 @@ from autopilot.angles import wrap
 from autopilot.control.registry import LAWS, filed_laws
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
-from autopilot.identification.model_choice import steering_errors, steering_model
+from autopilot.identification.model_choice import filed_model
 from autopilot.identification.ordered_rudder import slower_rudder, with_doubt_of_rate, with_rudder_of, with_unsure_rate
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run
@@ -139,7 +139,7 @@ def with_model(vessel: Vessel, found: Identified) -> Vessel:
     no_gains: dict[str, Any] = dict.fromkeys(filed_laws())
     control = dataclasses.replace(vessel.control, **no_gains)
     today = datetime.date.today().isoformat()
-    filed = model_section(steering_model(found), steering_errors(found), "identified", today)
+    filed = model_section(*filed_model(found), "identified", today)
     return dataclasses.replace(vessel, model=filed, rudder=rudder, control=control)
 
 

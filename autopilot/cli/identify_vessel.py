@@ -19,7 +19,7 @@ from autopilot.files.saving import save_text
 from autopilot.identification.identified import Identified
 from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_record import instruments
-from autopilot.identification.model_choice import steering_errors, steering_model
+from autopilot.identification.model_choice import filed_model, ridge_model
 from autopilot.identification.rudder_path import RudderRate, rate_sentence
 from autopilot.identification.runs import Run
 from autopilot.identification.verdict import backlash_of
@@ -125,8 +125,8 @@ def write_vessel(path: str, result: Result, boat: Vessel | None, given: Given) -
     remarks = [*_not_kept(path, result.found), *doubted(path, vessel)]
     if on_ridge:
         remarks.append(
-            f"{path} holds n1 {vessel.model.n1:+g} with T {vessel.model.T_s:.3g} s, of which the runs know little; "
-            "gains serve at both ends of what they leave open."
+            f"{path} holds n1 {vessel.model.n1:+g} with T {vessel.model.T_s:.3g} s, of which the runs know little, and "
+            "K as it is at that T; its gains serve at both ends of what they leave open."
         )
     return [
         *remarks,
@@ -162,29 +162,23 @@ def compass_late_s(runs: Sequence[Run]) -> float:
 
 def _check_steering(path: str, vessel: Vessel, found: Identified) -> None:
     """Raise NoGainsError, with what to sail next, where no gains can be designed for the model; where course stability
-    is not determined, for those at either end of its interval either."""
+    is not determined, for those at either end of its interval either, or where its own gains do not hold these."""
     from autopilot.cli.terminal import ProgressBar
     from autopilot.report.gains import bearing_level
-    from autopilot.runtime.tuning import GainRequest, designed
+    from autopilot.runtime.tuning import GainRequest, designed, holds
 
-    models = [vessel.model]
-    if found.ratios is not None and found.ratios.on_ridge:
-        (a, b, d, e), (_, error, _, _) = found.ratios
-        models += [
-            dataclasses.replace(
-                vessel.model,
-                K_1_s=a / abs(end),
-                T_s=1.0 / abs(end),
-                n1=math.copysign(1.0, end),
-                n3_s2_rad2=max(d, 0.0) / abs(end),
-                n0_rad_s=e / abs(end),
-            )
-            for end in (b - SURE_OF_IT * error, b + SURE_OF_IT * error)
-        ]
+    ends: list[Vessel] = []
+    if found.ratios is not None and found.ratios.on_ridge and found.likely is not None:
+        (_, b, _, _), (_, error, _, _) = found.ratios
+        for rate in (b - SURE_OF_IT * error, b + SURE_OF_IT * error):
+            end = ridge_model(found.ratios, found.likely.covariance, found.model.reference_speed, rate)
+            ends.append(dataclasses.replace(vessel, model=model_section(*end, vessel.model.source, vessel.model.date)))
     # what needs no simulation first, and the boat that is lost soonest
-    models.sort(key=lambda model: model.n1 / model.T_s)
+    boats = sorted((vessel, *ends), key=lambda boat: boat.model.n1 / boat.model.T_s)
     try:
-        better = [designed(dataclasses.replace(vessel, model=model)) for model in models]
+        better = [designed(boat) for boat in boats]
+        if not all(holds(better[boats.index(vessel)], end) for end in ends):
+            raise RefusedError("gains that suit it do not hold it stable and unstable alike")
         with ProgressBar("trying turns") as bar:
             for done, each in enumerate(better):
                 bar.update(done, len(better))
@@ -293,7 +287,7 @@ def _with_scale(vessel: Vessel, given: Given) -> Vessel:
 
 def _model(result: Result, runs: list[Run]) -> Model:
     log, today = tuple(Path(run.source).name for run in runs), datetime.date.today().isoformat()
-    return model_section(steering_model(result.found), steering_errors(result.found), "identified", today, log)
+    return model_section(*filed_model(result.found), "identified", today, log)
 
 
 def _new_rudder(runs: list[Run], given: Given, rate: RudderRate | None) -> Rudder:

@@ -83,7 +83,8 @@ def likeliest(
     sliding, is_sure = _sliding(found, runs, speed, linear, steps)
     if sliding is None:
         return answer
-    doubt, said = _doubt_of_order(found, sliding), _slides(sliding) if is_sure else _may_slide(sliding)
+    assert answer.likely is not None
+    doubt, said = _doubt_of_order(answer.likely, sliding), _slides(sliding) if is_sure else _may_slide(sliding)
     return answer._replace(sliding=sliding if is_sure else None, of_order=doubt, notes=(*answer.notes, said))
 
 

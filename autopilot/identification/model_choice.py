@@ -26,7 +26,14 @@ from typing import NamedTuple
 import numpy as np
 
 from autopilot.errors import InputError
-from autopilot.identification.identified import LARGEST_RELATIVE_ERROR, Identified, Question, Steps, identified_from
+from autopilot.identification.identified import (
+    LARGEST_RELATIVE_ERROR,
+    Identified,
+    Question,
+    Ratios,
+    Steps,
+    identified_from,
+)
 from autopilot.identification.likelihood_record import USUAL_RACE, usual_race
 from autopilot.identification.output_error import Solution, solve
 from autopilot.identification.residuals import NO_TRIMS, Fitted, RunTrims, typical_rate
@@ -486,6 +493,33 @@ def _predicts_like(candidate: Candidate, best: Candidate) -> bool:
 NAMES = ("gain", "time_constant", "n3", "n0")
 PROBE = 1.0e-4
 """Share of a parameter over which slopes are taken."""
+
+
+def filed_model(found: Identified) -> tuple[Norrbin, dict[str, float | None]]:
+    """Return the model that a vessel file holds, and its standard errors; where n1/T may be 0, `ridge_model`."""
+    if found.ratios is not None and found.ratios.on_ridge and found.likely is not None:
+        return ridge_model(found.ratios, found.likely.covariance, found.model.reference_speed)
+    return steering_model(found), steering_errors(found)
+
+
+def ridge_model(
+    ratios: Ratios, covariance: FloatArray, speed: float, rate: float | None = None
+) -> tuple[Norrbin, dict[str, float | None]]:
+    """Return the likeliest boat whose n1/T is `rate` [1/s], and what is then not known of it; None: the rate nearest to
+    the estimate that gives no T longer than the runs could tell, one standard error.
+
+    Where n1/T may be 0, K and T have one doubt in common, without end, and K/T has not: two standard errors by
+    themselves would be those of boats that the runs exclude. So the file has K's at this T, and none of T. covariance:
+    of K/T, n1/T, n3/T and n0/T, shape (4, 4).
+    """
+    b = ratios.values[1]
+    b_here = math.copysign(max(abs(b), ratios.errors[1]), b) if rate is None else rate
+    by, T = covariance[1] / covariance[1, 1], 1.0 / abs(b_here)
+    a, _, d, e = np.array(ratios.values) + by * (b_here - b)
+    left = np.sqrt(np.maximum(np.diag(covariance - np.outer(by, covariance[1])), 0.0)) * T
+    a = a if a > 0.0 else ratios.values[0]
+    model = Norrbin(a * T, T, max(d, 0.0) * T, n1=math.copysign(1.0, b_here), n0=e * T, reference_speed=speed)
+    return model, {"gain": float(left[0]), "time_constant": None, "n3": float(left[2]), "n0": float(left[3])}
 
 
 def steering_model(found: Identified) -> Norrbin:

@@ -337,9 +337,13 @@ def _undetermined(found: Identified, doubts: Mapping[str, float], explained: flo
             f"sail {again}.",
         )
     if is_on_ridge:
+        assert found.ratios is not None
+        share = SURE_OF_IT * found.ratios.errors[0] / abs(found.ratios.values[0])
+        grade = "start" if share <= ENOUGH else "not enough"
         return Verdict(
-            "not enough",
-            f"not enough: the runs do not tell whether the boat is course-stable; sail {again}, for twice as long, and "
+            grade,
+            f"{IN_WORDS[grade]} (K/T +- {100.0 * share:.0f} %, 95 %): the runs do not tell whether the boat is "
+            f"course-stable, and a file is written where gains serve both; sail {again}, for twice as long, and "
             "identify all of them together.",
         )
     if unknown:

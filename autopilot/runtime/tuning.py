@@ -131,13 +131,33 @@ MORE_DELAY = 0.1
 def spread_of(vessel: Vessel) -> tuple[Spread, str]:
     """Return how far K and T may be off, relative, and that in words."""
     model, errors = vessel.model, vessel.model.standard_errors
-    if errors.K_1_s is None or errors.T_s is None:
+    if errors.K_1_s is None:
         words = f"K and T off by {100.0 * ASSUMED_SPREAD:.0f} %, assumed: the file holds no standard errors"
         return Spread(ASSUMED_SPREAD, ASSUMED_SPREAD), words
     # a boat of no gain or no time constant is none
-    gain, time = (min(SIGMAS * e / v, 0.9) for e, v in ((errors.K_1_s, model.K_1_s), (errors.T_s, model.T_s)))
+    gain = min(SIGMAS * errors.K_1_s / model.K_1_s, 0.9)
+    if errors.T_s is None:
+        return Spread(gain, ASSUMED_SPREAD), f"K off by {100.0 * gain:.1f} % at this T, which may be any"
+    time = min(SIGMAS * errors.T_s / model.T_s, 0.9)
     words = f"K off by {100.0 * gain:.1f} % and T by {100.0 * time:.1f} %, {SIGMAS:.0f} standard errors"
     return Spread(gain, time), words
+
+
+def holds(vessel: Vessel, other: Vessel) -> bool:
+    """Return whether the regulator of the `vessel` holds a course of another boat too, of the other stability as well.
+
+    At the end of what is left open of n1/T the likeliest K is the edge of what is left open of both; K's own edge is
+    that of the vessel's design.
+    """
+    from autopilot.control.front import USUAL, Off, cost
+
+    control, model, real = vessel.control.backstepping, vessel.model, other.model
+    assert control is not None
+    # T of the other sign is n1 of the other sign, with K/T as it is
+    time = real.T_s * real.n1 / (model.T_s * model.n1)
+    gain = real.K_1_s / real.T_s * time * model.T_s / model.K_1_s
+    afloat = afloat_of(vessel)
+    return math.isfinite(cost(afloat, lqr_gains(afloat.model, control.course_rad_s), USUAL, Off(gain, time)).heading)
 
 
 def afloat_of(vessel: Vessel) -> Afloat:

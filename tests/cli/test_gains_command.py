@@ -20,9 +20,9 @@ from autopilot.models.norrbin import at_speed_ratio
 from autopilot.pilot import Pilot
 from autopilot.report import gains as report
 from autopilot.runtime.build import build_pilot, law_of, model_of, verdict_of
-from autopilot.runtime.tuning import GainRequest, designed
+from autopilot.runtime.tuning import GainRequest, designed, holds, spread_of
 from autopilot.vessel.file import dump_vessel, load_vessel
-from autopilot.vessel.schema import Control, Model, Vessel
+from autopilot.vessel.schema import Control, Model, StandardErrors, Vessel
 
 
 def as_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
@@ -410,3 +410,21 @@ def test_a_path_that_was_measured_takes_of_the_delay_margin(path_delay: float, s
     left = report.as_json(each)["delay_margin_left_by_measured_path_s"]
     assert left == pytest.approx(each.output_feedback.delay - path_delay + 0.05)
     assert math.isnan(report.left_by_path(report.judged(lanxin, "backstepping")))
+
+
+def test_gains_serve_boats_of_either_stability_near_them() -> None:
+    """Of a boat with n1/T near 0 its regulator holds both ends, and a slow one loses the one that falls off."""
+    cyber = load_vessel("small_craft")
+
+    def boat(rate: float) -> Vessel:
+        time, errors = 1.0 / abs(rate), StandardErrors(K_1_s=0.02 / abs(rate))
+        section = replace(cyber.model, K_1_s=0.1 * time, T_s=time, n1=math.copysign(1.0, rate), n3_s2_rad2=18.0 * time)
+        return replace(cyber, model=replace(section, standard_errors=errors))
+
+    between = designed(boat(-0.14))
+    assert spread_of(between)[0].gain == pytest.approx(0.4) and "T" in spread_of(between)[1]
+    assert holds(between, boat(-0.28)) and holds(between, boat(0.28))
+    loop = between.control.backstepping
+    assert loop is not None
+    slow = replace(between, control=replace(between.control, backstepping=replace(loop, course_rad_s=0.05)))
+    assert holds(slow, boat(0.28)) and not holds(slow, boat(-0.28))

@@ -22,13 +22,14 @@ from autopilot.errors import InputError
 from autopilot.identification import likelihood_fit as likelihood_fit_module
 from autopilot.identification import likelihood_record
 from autopilot.identification.compass_and_gyro import compass_late, in_time
-from autopilot.identification.identified import Identified, Question
+from autopilot.identification.identified import Identified, Question, Ratios
 from autopilot.identification.identify import at_least_as_doubtful, identify
 from autopilot.identification.interval import interval_of
 from autopilot.identification.likelihood_fit import likelihood_fit, memory_of, scales
 from autopilot.identification.likelihood_record import Form, record_of, rudder_on, without_noise
 from autopilot.identification.likelihood_search import Space, approached, settled
 from autopilot.identification.marginal_likelihood import Rates, Weather, begin_path, best_path, wave_noise
+from autopilot.identification.model_choice import filed_model, ridge_model
 from autopilot.identification.rudder_path import DIRECT, RudderTrain, rudder_rate_of
 from autopilot.identification.runs import FloatArray, Run, Segment, run_from_columns
 from autopilot.identification.verdict import verdict_of, verdict_on_runs
@@ -205,12 +206,28 @@ def test_where_stability_is_not_known_the_ratios_are_and_a_sentence_says_so(ridg
     assert {"K", "T"} <= set(ridge.unidentifiable)
     assert "K/T 0.2" in ridge.unidentifiable["K"] and "n3/T" in ridge.unidentifiable["K"]
     verdict = verdict_of(ridge)
-    assert verdict.grade == "not enough" and "course-stable" in verdict.sentence
+    assert verdict.grade == "start" and "course-stable" in verdict.sentence
+    values, errors = ridge.ratios
+    wide = ridge._replace(ratios=Ratios(values, (0.4 * values[0], *errors[1:])))
+    assert verdict_of(wide).grade == "not enough", "K/T is what steering is designed from"
     document = document_of(Result("norrbin", ridge, None, []))
     assert document["parameters"]["K"]["value"] is None
     low, high = document["ratios"]["K/T"]["interval_95"]
     assert low < 0.2 < high
-    assert as_text(Result("norrbin", ridge, None, [])).startswith("Not enough: ")
+    assert as_text(Result("norrbin", ridge, None, [])).startswith("Good for a start (K/T ")
+
+
+def test_a_file_of_either_stability_has_the_doubt_of_its_turning(ridge: Identified) -> None:
+    assert ridge.ratios is not None and ridge.likely is not None
+    (a, b, _, _), (a_error, b_error, _, _) = ridge.ratios
+    model, errors = filed_model(ridge)
+    assert model.time_constant == pytest.approx(1.0 / max(abs(b), b_error)), "no longer than the runs could tell"
+    assert errors["time_constant"] is None and errors["gain"] is not None
+    assert errors["gain"] / model.gain <= 1.01 * a_error / a, "K at this T is as well known as K/T"
+    for rate in (b - 2.0 * b_error, b + 2.0 * b_error):
+        end, _ = ridge_model(ridge.ratios, ridge.likely.covariance, SPEED_M_S, rate)
+        assert end.n1 / end.time_constant == pytest.approx(rate)
+        assert abs(end.gain / end.time_constant - a) <= 2.0 * a_error + 1.0e-9
 
 
 @pytest.mark.parametrize("which", ["unstable", "ridge"])
