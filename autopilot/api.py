@@ -19,7 +19,7 @@ from autopilot.control.registry import LAWS, filed_laws
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.model_choice import filed_model
-from autopilot.identification.ordered_rudder import slower_rudder, with_doubt_of_rate, with_rudder_of, with_unsure_rate
+from autopilot.identification.ordered_rudder import slower_rudder, with_rate, with_rudder_of
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run
 from autopilot.identification.verdict import Verdict, verdict_on_runs
@@ -104,8 +104,7 @@ def identify(*logs: Run | str | Path, vessel: Vessel | None = None, reference_sp
         return method.identify(runs, question)
     found = method.identify([with_rudder_of(run, rate) for run in runs] if rate.is_sure else runs, question)
     at_speed = question._replace(reference_speed=found.model.reference_speed)
-    with_doubt = with_doubt_of_rate if rate.is_sure else with_unsure_rate
-    return with_doubt(found, runs, rate, lambda moved: method.identify(moved, at_speed))
+    return with_rate(found, runs, rate, lambda moved: method.identify(moved, at_speed))
 
 
 def verdict(found: Identified, *logs: Run | str | Path, vessel: Vessel | None = None) -> Verdict:

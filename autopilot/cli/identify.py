@@ -289,12 +289,11 @@ def _identify(
 
             at_speed = question._replace(reference_speed=found.model.reference_speed)
             (as_ordered, others), rate = rudder
-            with_doubt = by_turning.with_doubt_of_rate if rate.is_sure else by_turning.with_unsure_rate
-            found = with_doubt(found, as_ordered, rate, lambda runs: method.identify(runs, at_speed))
-            moved = found.rudder_rate
-            if moved is not None and moved != rate:
+            found = by_turning.with_rate(found, as_ordered, rate, lambda runs: method.identify(runs, at_speed))
+            fitted, held_out = as_ordered, others
+            if (moved := found.rudder_rate) is not None:
                 fitted, held_out = (
-                    [by_turning.with_rudder_of(run, moved) for run in runs] for runs in (as_ordered, others)
+                    [by_turning.with_rudder_of(run, moved) for run in runs] for runs in (fitted, held_out)
                 )
     result = _result(choice.chosen if choice else arguments.model, found, fitted, held_out)
     return result._replace(residual_tests=found.residual_tests(fitted), choice=choice)

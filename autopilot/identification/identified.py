@@ -140,7 +140,8 @@ class Identified(NamedTuple):
     knows of gusts only what the residuals remember of them, which is too little (`identify`). spacing: how far apart
     the samples are [s], 0 where the method does not say. differing: two parts of the runs that do not tell of one boat,
     which the errors hold; None where all agree, or nobody looked. answers: share of the rudder's motion that is an
-    answer to what pushed the boat, 0 where nobody looked. simulations: those that were made on the way."""
+    answer to what pushed the boat, 0 where nobody looked. may_be_lag: the runs do not tell T
+    from the rudder's lag; the errors hold both in one. simulations: those that were made on the way."""
 
     model: Norrbin
     standard_errors: dict[str, float | None]
@@ -165,6 +166,7 @@ class Identified(NamedTuple):
     spacing: float = 0.0
     differing: Differing | None = None
     answers: float = 0.0
+    may_be_lag: bool = False
     simulations: tuple[Simulation, ...] = ()
 
     @property

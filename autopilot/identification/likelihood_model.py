@@ -25,6 +25,7 @@ from autopilot.identification.identified import (
 )
 from autopilot.identification.interval import SURE_OF_IT
 from autopilot.identification.likelihood_fit import (
+    CHANGED,
     UNLIKELY,
     LikelihoodFit,
     Start,
@@ -90,15 +91,17 @@ def likeliest(
 
 def as_doubtful(answer: Identified, runs: Sequence[Run], steps: Steps) -> Identified:
     """Return the answer with the doubt that one model of all runs hides: of parts that are not of one boat, where
-    propeller, wind and drift do not explain that, of a first order that a boat that slides has not, and of compass and
-    gyro that turn by different angles."""
-    speed, apart, differ = answer.model.reference_speed, turned_apart(runs), None
+    propeller, wind and drift do not explain that, of a first order that a boat that slides has not, of a rudder's lag
+    that T may have changed places with, and of compass and gyro that turn by different angles."""
+    speed, apart, differ, changed = answer.model.reference_speed, turned_apart(runs), None, None
     if answer.around is None and answer.likely is not None:
-        differ = differing(answer.likely, runs, speed, steps.next)
+        differ, changed = differing(answer.likely, runs, speed, steps.next), doubt_of_change(answer.likely, runs)
     said = [*([f"{differ.sentence()}."] if differ else []), *([apart.sentence()] if apart else [])]
+    said += [] if changed is None else [f"{LAG_OR_T[0].upper()}{LAG_OR_T[1:]}: {RECORD_IT}."]
     if answer.around is None and answer.likely is not None and (said or answer.of_order is not None):
         more = np.zeros((4, 4)) if answer.of_order is None else answer.of_order.copy()
         more += differ.doubt if differ is not None else 0.0
+        more += 0.0 if changed is None else changed
         more += apart.doubt(answer.likely.rates) if apart is not None else 0.0
         wide = answer_of(answer.likely.with_doubt(more), runs, speed, None, {}, answer.simulations)
         assert wide is not None
@@ -115,7 +118,43 @@ def as_doubtful(answer: Identified, runs: Sequence[Run], steps: Steps) -> Identi
     is_stable = answer.model.n1 > 0.0 and "T" not in answer.unidentifiable
     answers = answered_share(answer.model, runs, [answer.simulated(run) for run in runs]) if is_stable else 0.0
     said += filter(None, [on_one_course(runs)])
-    return answer._replace(differing=differ, answers=answers, notes=(*answer.notes, *said))
+    return answer._replace(
+        differing=differ, answers=answers, may_be_lag=changed is not None, notes=(*answer.notes, *said)
+    )
+
+
+LAG_OR_T = "the rudder's lag and T may have changed places within the time between two reports of its orders"
+RECORD_IT = "record the orders more often, or the rudder's angle by a sensor"
+
+
+def doubt_of_change(found: LikelihoodFit, runs: Sequence[Run]) -> FloatArray | None:
+    """Return as covariance of a, b, d and e, shape (4, 4), what it leaves open that T and the rudder's lag may have
+    changed places; None where the runs tell them apart.
+
+    Two lags in a row answer alike in either order, and which is T shows in what goes on within the shorter one. Of
+    orders reported no oftener nothing is recorded of that, and the likelihood, to which their unknown moments are
+    noise, may prefer the wrong one by tens. The other boat has all of both, as little of a rudder lags so long.
+    """
+    b, lag = found.rates.b, found.train.lag if "lead" not in found.train_errors else 0.0
+    if not b > 0.0 or not lag > 0.0:
+        return None
+    shorter = min(1.0 / b, lag) if b * lag > CHANGED else 1.0 / b
+    if not shorter < _between_orders([segment for run in runs for segment in run.segments]):
+        return None
+    off = b * lag / (1.0 + b * lag) * np.array(found.rates)
+    return np.outer(off, off)
+
+
+def _between_orders(segments: Sequence[Segment]) -> float:
+    """Return the time [s] between two reports of orders at moments that nobody knows, 0 of a rudder that is known
+    throughout: of moves D the integral of the rudder has a variance of D^2 h^2/12 each (`Segment.moments`)."""
+    variance = moved = 0.0
+    for segment in (each for each in segments if each.moments.size):
+        variance += float(segment.moments[-1] - segment.moments[0])
+        steps = np.diff(segment.rudder)
+        begins = np.flatnonzero(np.diff(np.sign(steps), prepend=math.nan))
+        moved += float(np.square(np.add.reduceat(steps, begins)).sum())
+    return math.sqrt(12.0 * variance / moved) if moved > 0.0 else 0.0
 
 
 def _sliding(

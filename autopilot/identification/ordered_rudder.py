@@ -155,6 +155,22 @@ def with_rudder_of(run: Run, rate: RudderRate) -> Run:
     return run._replace(segments=segments)
 
 
+def with_rate(
+    found: Identified, ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
+) -> Identified:
+    """Return what is identified of the runs as `ordered` with a `rate` that turning shows, and its doubt; found: of
+    them as they are, or behind a gear of that rate where that is sure.
+
+    Turning knows nothing of gusts: what is sure by it is compared with the rudder as ordered too, and counts where it
+    is the likelier one by the fits.
+    """
+    if not rate.is_sure:
+        return with_unsure_rate(found, ordered, rate, identify)
+    direct = _behind(ordered, None, identify)
+    compared = None if direct is None else _of_both(direct, found, ordered, rate, identify)
+    return with_doubt_of_rate(found, ordered, rate, identify) if compared is None else compared
+
+
 def with_doubt_of_rate(
     found: Identified, ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
 ) -> Identified:
@@ -276,16 +292,30 @@ def with_unsure_rate(
     if pair[0] is not None and pair[1] is not None and pair[0].loss - pair[1].loss - 1.0 < -SURE:
         return found
     behind = _behind(ordered, rate, identify)
-    if behind is None or behind.likely is None:
-        return found
+    compared = None if behind is None else _of_both(found, behind, ordered, rate, identify)
+    return found if compared is None else compared
+
+
+def _of_both(
+    found: Identified,
+    behind: Identified,
+    ordered: Sequence[Run],
+    rate: RudderRate,
+    identify: Callable[[Sequence[Run]], Identified],
+) -> Identified | None:
+    """Return what is `found` of the runs as `ordered`, or is `behind` a gear of that `rate`, with the doubt that
+    `with_unsure_rate` tells of; None where they cannot be compared."""
+    if found.likely is None or behind.likely is None:
+        return None
     # likelihoods are compared on one grid of times
-    pair = [found.likely, behind.likely]
+    pair: list[LikelihoodFit | None] = [found.likely, behind.likely]
     if [motion.shape for motion in found.likely.motions] != [motion.shape for motion in behind.likely.motions]:
+        moved, speed = [with_rudder_of(run, rate) for run in ordered], found.model.reference_speed
         pair = [moved_to(behind.likely, _segments_of(runs), speed) for runs in (ordered, moved)]
     if pair[0] is None or pair[1] is None:
-        return found
+        return None
     gain = pair[0].loss - pair[1].loss - 1.0
-    if gain > SURE:
+    if gain > (0.0 if rate.is_sure else SURE):
         found, behind, gain = with_doubt_of_rate(behind, ordered, rate._replace(is_sure=True), identify), found, -gain
     q = 0.5 * (1.0 + math.tanh(0.5 * gain))
 
@@ -314,12 +344,12 @@ def _segments_of(runs: Sequence[Run]) -> tuple[Segment, ...]:
 
 
 def _behind(
-    ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
+    ordered: Sequence[Run], rate: RudderRate | None, identify: Callable[[Sequence[Run]], Identified]
 ) -> Identified | None:
-    """Return what is identified of the runs behind a gear of that `rate`; None where nothing is found, or no curvature
-    is finite."""
+    """Return what is identified of the runs behind a gear of that `rate`, or as ordered without one; None where nothing
+    is found, or no curvature is finite."""
     try:
-        return identify([with_rudder_of(run, rate) for run in ordered])
+        return identify(ordered if rate is None else [with_rudder_of(run, rate) for run in ordered])
     except (InputError, np.linalg.LinAlgError):
         return None
 

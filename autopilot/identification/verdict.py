@@ -23,7 +23,7 @@ from autopilot.identification.drive_effect import DriveFit
 from autopilot.identification.drive_effect import Prediction as DrivePrediction
 from autopilot.identification.identified import Identified
 from autopilot.identification.interval import ENOUGH, GOOD, SURE_OF_IT, off_by, serves
-from autopilot.identification.likelihood_model import stopped_short
+from autopilot.identification.likelihood_model import LAG_OR_T, RECORD_IT, stopped_short
 from autopilot.identification.ordered_rudder import shows_rate, with_rudder_of
 from autopilot.identification.residual_tests import Prediction, ResidualTest
 from autopilot.identification.rudder_path import RudderRate, rudder_rate_of
@@ -336,6 +336,8 @@ def _undetermined(found: Identified, doubts: Mapping[str, float], explained: flo
             "over compass, speed and clock, and "
             f"sail {again}.",
         )
+    if found.may_be_lag and not is_known:
+        return Verdict("not enough", f"not enough: {LAG_OR_T}; {RECORD_IT}.")
     if is_on_ridge:
         assert found.ratios is not None
         share = SURE_OF_IT * found.ratios.errors[0] / abs(found.ratios.values[0])
@@ -376,6 +378,8 @@ def verdict_of(
         return Verdict("not enough", f"not enough: {share} (95 %); sail {again}, for twice as long.")
     if doubts[worst] > GOOD:
         return Verdict("start", f"good for a start ({share}, 95 %): sail {again}.")
+    if found.may_be_lag:
+        return Verdict("start", f"good for a start ({share}, 95 %): {LAG_OR_T}; {RECORD_IT}.")
     leaning = max((found.leans.get(symbol, 0.0) for symbol in ("K", "T")), default=0.0)
     if leaning > MOST_LEANING:
         whose = f"{100.0 * leaning:.0f} % of what is known is other boats'"

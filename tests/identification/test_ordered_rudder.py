@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -15,17 +16,20 @@ from autopilot.errors import InputError
 from autopilot.identification import likelihood_fit
 from autopilot.identification.identified import Identified, Question, Ratios
 from autopilot.identification.identify import identify
+from autopilot.identification.likelihood_model import doubt_of_change
 from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.ordered_rudder import (
     rate_limited,
     slower_rudder,
     with_doubt_of_rate,
+    with_rate,
     with_rudder_of,
     with_unsure_rate,
 )
 from autopilot.identification.residuals import Noise
 from autopilot.identification.rudder_path import RudderRate, RudderTrain
 from autopilot.identification.runs import MOMENTS, Run, Segment
+from autopilot.identification.verdict import verdict_of
 from autopilot.logs.series import HEADING, SHARE, SPEED, Recording, Series
 from autopilot.logs.table import RudderSettings, table_of, through_gear
 from autopilot.models.norrbin import Norrbin
@@ -251,13 +255,66 @@ def test_fits_beside_the_rate_that_fail_are_made_up_for_or_refused() -> None:
         with_doubt_of_rate(fitted(5.0), [run], RATE, never)
 
 
+LIKELY = likelihood_fit.LikelihoodFit(
+    Rates(0.04, 0.2), np.eye(4), RudderTrain(), {}, Weather(1.0, 1.0, 1.0, 1.0, 1.0), 0.0
+)
+
+
+@pytest.mark.parametrize(("gain", "time_constant"), [(12.0, 5.5), (4.0, 5.5), (-1.0, 5.0), (-40.0, 5.0)])
+def test_a_rate_that_turning_calls_sure_counts_where_the_fit_agrees(gain: float, time_constant: float) -> None:
+    direct = fitted(5.0)._replace(likely=LIKELY._replace(loss=gain))
+    behind = fitted(5.5)._replace(likely=LIKELY)
+
+    def of(runs: Sequence[Run]) -> Identified:
+        return direct if runs[0] is run else behind
+
+    run = ordered(5.0)
+    found = with_rate(behind, [run], RATE, of)
+    assert found.model.time_constant == time_constant and (found.rudder_rate is not None) == (time_constant == 5.5)
+
+
+@pytest.mark.parametrize(
+    ("spacing", "T", "lag", "tells"),
+    [
+        (0.5, 0.24, 0.5, False),
+        (0.5, 0.42, 0.72, False),
+        (0.5, 0.8, 0.45, False),
+        (0.2, 0.55, 0.2, True),
+        (0.5, 3.5, 0.1, True),
+        (0.5, 0.9, 0.6, True),
+        (0.0, 0.24, 0.5, True),
+    ],
+)
+def test_reports_that_are_too_seldom_do_not_tell_boat_from_lag(
+    spacing: float, T: float, lag: float, tells: bool
+) -> None:
+    time, jump = np.arange(0.0, 60.0, 0.1), math.radians(40.0)
+    turns = np.floor(time / 6.0)
+    rudder = np.interp(time, 6.0 * np.arange(11.0), jump * (np.arange(11) % 2 - 0.5), left=0.0)
+    moments = turns * (jump * spacing) ** 2 / 12.0 if spacing > 0.0 else np.empty(0)
+    still = np.zeros_like(time)
+    segment = Segment(time, still, still, rudder, still + 4.0, moments=moments)
+    train = RudderTrain(lag=lag)
+    likely = LIKELY._replace(rates=Rates(0.7 / T, 1.0 / T, 2.0 / T), train=train, train_errors={"lag": 0.05})
+    doubt = doubt_of_change(likely, [Run("zigzag", (segment,), rudder="ordered")])
+    assert (doubt is None) == tells
+    if doubt is not None:
+        assert 1.0 / (1.0 / T - math.sqrt(doubt[1, 1])) == pytest.approx(T + lag)
+
+
+def test_a_boat_that_may_be_lag_is_never_good() -> None:
+    verdict = verdict_of(fitted(5.0)._replace(may_be_lag=True))
+    assert verdict.grade == "start" and "record the orders more often" in verdict.sentence
+    verdict = verdict_of(fitted(5.0, 3.0, 0.2)._replace(may_be_lag=True))
+    assert verdict.grade == "not enough" and "record the orders more often" in verdict.sentence
+
+
 @pytest.mark.parametrize(("gain", "time_constant"), [(12.0, 5.5), (4.0, 5.0), (1.0, 5.0), (-4.0, 5.0)])
 def test_an_unsure_rate_leaves_both_boats_in_doubt_by_their_likelihoods(gain: float, time_constant: float) -> None:
-    run, likely = ordered(5.0), likelihood_fit.LikelihoodFit
-    rates, weather = Rates(0.04, 0.2), Weather(1.0, 1.0, 1.0, 1.0, 1.0)
+    run = ordered(5.0)
 
     def by(loss: float, fit: Identified) -> Identified:
-        return fit._replace(likely=likely(rates, np.eye(4), RudderTrain(), {}, weather, loss))
+        return fit._replace(likely=LIKELY._replace(loss=loss))
 
     filed = by(gain, fitted(5.0))
     found = with_unsure_rate(filed, [run], RATE._replace(is_sure=False), lambda runs: by(0.0, fitted(5.5)))
