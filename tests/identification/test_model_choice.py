@@ -175,7 +175,7 @@ def test_the_command_prints_the_candidates_and_writes_n2(
     monkeypatch.setattr(model_choice, "FORMS", few)
     assert main(["identify", *logs, "--model", "auto", "--rudder-max-deg", "35", "--out", str(vessel)]) == 0
     said = capsys.readouterr().out
-    assert re.search(r"candidate +parameters +R2 .*\n(?:.+\n)*norrbin-n2 +5 +0\.99\d+ +0\.0 +chosen\n", said)
+    assert re.search(r"candidate +parameters +held-out R2 .*\n(?:.+\n)*norrbin-n2 +5 +0\.99\d+ +0\.0 +chosen\n", said)
     assert "Chosen: norrbin-n2. Each of 2 runs was predicted" in said
     assert "n2_s_rad: 1." in vessel.read_text()
     assert main(["identify", *logs, "--model", "auto", "--json"]) == 0
