@@ -19,7 +19,7 @@ from autopilot.control.registry import LAWS, filed_laws
 from autopilot.errors import InputError
 from autopilot.identification.identified import Identified, Question
 from autopilot.identification.model_choice import filed_model
-from autopilot.identification.ordered_rudder import slower_rudder, with_rate, with_rudder_of
+from autopilot.identification.ordered_rudder import identified_behind, slower_rudder, with_rate
 from autopilot.identification.registry import method_named
 from autopilot.identification.runs import Run
 from autopilot.identification.verdict import Verdict, verdict_on_runs
@@ -102,7 +102,9 @@ def identify(*logs: Run | str | Path, vessel: Vessel | None = None, reference_sp
     rate = slower_rudder(runs, _filed_rate(boat), by_thrust=by_thrust)
     if rate is None:
         return method.identify(runs, question)
-    found = method.identify([with_rudder_of(run, rate) for run in runs] if rate.is_sure else runs, question)
+    found, rate = identified_behind(runs, rate, lambda moved: method.identify(moved, question))
+    if rate is None:
+        return found
     at_speed = question._replace(reference_speed=found.model.reference_speed)
     return with_rate(found, runs, rate, lambda moved: method.identify(moved, at_speed))
 

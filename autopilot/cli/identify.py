@@ -265,6 +265,7 @@ def _identify(
     """Return the answer; rudder: fitted runs and others as they were ordered, and a rate found by turning, whose doubt
     goes in."""
     from autopilot.cli.terminal import ProgressBar
+    from autopilot.identification import ordered_rudder as by_turning
     from autopilot.identification.registry import METHODS, method_named
 
     method = method_named(arguments.method)
@@ -279,17 +280,21 @@ def _identify(
             prior=prior if method.name == METHODS[0].name else None,
         )
         choice = _chosen(fitted, question, bar.update) if arguments.model == "auto" else None
-        if choice is None or choice.chosen in ("norrbin", "norrbin unstable"):
-            found = method.identify(fitted, question)
-        else:
+        rate = None if rudder is None else rudder[1]
+        if choice is not None and choice.chosen not in ("norrbin", "norrbin unstable"):
             found = choice.found
             question = choice.form._replace(reference_speed=found.model.reference_speed, progress=bar.update)
+        elif rudder is None:
+            found = method.identify(fitted, question)
+        else:
+            found, rate = by_turning.identified_behind(
+                rudder[0][0], rudder[1], lambda runs: method.identify(runs, question)
+            )
         if rudder is not None:
-            from autopilot.identification import ordered_rudder as by_turning
-
             at_speed = question._replace(reference_speed=found.model.reference_speed)
-            (as_ordered, others), rate = rudder
-            found = by_turning.with_rate(found, as_ordered, rate, lambda runs: method.identify(runs, at_speed))
+            as_ordered, others = rudder[0]
+            if rate is not None:
+                found = by_turning.with_rate(found, as_ordered, rate, lambda runs: method.identify(runs, at_speed))
             fitted, held_out = as_ordered, others
             if (moved := found.rudder_rate) is not None:
                 fitted, held_out = (

@@ -155,6 +155,17 @@ def with_rudder_of(run: Run, rate: RudderRate) -> Run:
     return run._replace(segments=segments)
 
 
+def identified_behind(
+    ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
+) -> tuple[Identified, RudderRate | None]:
+    """Return what is identified of the runs as `ordered`, behind a gear of that `rate` where it is sure, and the rate;
+    None where no boat is found behind it: a gear that hardly ever comes to where it is ordered turns its orders into
+    a boat's slide."""
+    if rate.is_sure and (found := _behind(ordered, rate, identify)) is not None:
+        return found, rate
+    return identify(ordered), None if rate.is_sure else rate
+
+
 def with_rate(
     found: Identified, ordered: Sequence[Run], rate: RudderRate, identify: Callable[[Sequence[Run]], Identified]
 ) -> Identified:

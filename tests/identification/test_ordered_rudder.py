@@ -19,6 +19,7 @@ from autopilot.identification.identify import identify
 from autopilot.identification.likelihood_model import doubt_of_change
 from autopilot.identification.marginal_likelihood import Rates, Weather
 from autopilot.identification.ordered_rudder import (
+    identified_behind,
     rate_limited,
     slower_rudder,
     with_doubt_of_rate,
@@ -271,6 +272,23 @@ def test_a_rate_that_turning_calls_sure_counts_where_the_fit_agrees(gain: float,
     run = ordered(5.0)
     found = with_rate(behind, [run], RATE, of)
     assert found.model.time_constant == time_constant and (found.rudder_rate is not None) == (time_constant == 5.5)
+
+
+@pytest.mark.parametrize("refused", ["behind", "both", ""])
+def test_a_sure_rate_behind_which_no_boat_is_found_is_left_out(refused: str) -> None:
+    run, direct, behind = ordered(5.0), fitted(5.0), fitted(5.5)
+
+    def of(runs: Sequence[Run]) -> Identified:
+        if refused == "both" or (refused and runs[0] is not run):
+            raise InputError("rudder and motion go together at once")
+        return direct if runs[0] is run else behind
+
+    if refused == "both":
+        with pytest.raises(InputError, match="at once"):
+            identified_behind([run], RATE, of)
+    else:
+        assert identified_behind([run], RATE, of) == ((direct, None) if refused else (behind, RATE))
+        assert identified_behind([run], RATE._replace(is_sure=False), of) == (direct, RATE._replace(is_sure=False))
 
 
 @pytest.mark.parametrize(
