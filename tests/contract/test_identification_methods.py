@@ -226,7 +226,7 @@ def test_a_method_is_one_line_in_the_registry(
     path, table = tmp_path / "zigzag.csv", zigzag()
     np.savetxt(path, np.stack(list(table.values()), axis=1), delimiter=",", header=",".join(table), comments="")
     assert main(["identify", "--method", "list"]) == 0
-    assert "steady-ratio        mean rate over mean rudder" in capsys.readouterr().out
+    assert "steady-ratio  mean rate over mean rudder" in capsys.readouterr().out
     assert main(["identify", str(path), "--method", "steady-ratio", "--model", "nomoto", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["parameters"]["T"]["value"] == 1.0
     assert main(["identify", str(path), "--method", "steady-ratio", "--trim", "per-run"]) != 0

@@ -83,7 +83,7 @@ def test_a_step_waits_until_the_boat_has_said_which_angle_of_the_wind_it_holds(s
 def test_the_wind_is_shown_held_turned_by_and_tacked(sea: Watched, vane: Vane) -> None:
     assert sea.station.view.value("awa") == pytest.approx(math.degrees(vane.angle()), abs=12.0)
     assert sea.station.view.value("tws") == pytest.approx(8.0 * 3600.0 / 1852.0, rel=0.2)
-    assert sea.order(do="tack") == (False, "tack: no wind is being held: order it first")
+    assert sea.order(do="tack") == (False, "tack: nothing is steered: order the wind hold first")
     assert sea.order(do="wind", true=True, degrees=45) == (True, "")
     sea.watch(40.0)
     view = sea.station.view
