@@ -22,7 +22,7 @@ import math
 from typing import NamedTuple
 
 from autopilot.angles import compass_text, shortest_turn, wrap
-from autopilot.guidance.track import ALARM_OFF, STRONG_S, Set
+from autopilot.guidance.track import STRONG_S, Set
 from autopilot.signals import AlarmEvent
 
 DRIFT_SHARE = 0.3
@@ -343,14 +343,12 @@ class PlotterGuide:
         if stream is None or not isinstance(message, PlotterLeg):
             self._strong_since, self._strong = math.inf, ""
             return ""
-        calmer = Set(stream.north / ALARM_OFF, stream.east / ALARM_OFF, stream.speed) if self._strong else stream
-        if calmer.holds(message.track):
+        if stream.judged(self._strong != "").holds(message.track):
             self._strong_since, self._strong = math.inf, ""
             return ""
         self._strong_since = min(self._strong_since, now)
         if now - self._strong_since >= STRONG_S and not self._strong:
-            strength = math.hypot(stream.north, stream.east)
-            self._strong = f"the plotter's leg: {strength:.1f} m/s of current, the boat does {stream.speed:.1f} m/s"
+            self._strong = f"the plotter's leg: {stream.in_words()}"
         return self._strong
 
     def _line_of_sight(self, leg: PlotterLeg, speed: float, dt: float) -> float:

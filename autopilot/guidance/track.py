@@ -55,6 +55,14 @@ class Set(NamedTuple):
     east: float
     speed: float
 
+    def judged(self, stands: bool) -> Set:
+        """Return the set by which an alarm begins, and one that `stands` already ends: with as much to spare."""
+        return Set(self.north / ALARM_OFF, self.east / ALARM_OFF, self.speed) if stands else self
+
+    def in_words(self) -> str:
+        """Return how strong the current is, and the boat beside it."""
+        return f"{math.hypot(self.north, self.east):.1f} m/s of current, the boat does {self.speed:.1f} m/s"
+
     def across(self, course: float) -> float:
         """Return what sets the boat to starboard of `course` [rad]."""
         return self.east * math.cos(course) - self.north * math.sin(course)
@@ -478,19 +486,17 @@ class TrackGuide:
         """Say which leg the current is too strong for, this one or a later; it stands until all can be held."""
         if known.set_doubt > SET_SURE * set_.speed or self.behind is not None:
             return
-        calmer = Set(set_.north / ALARM_OFF, set_.east / ALARM_OFF, set_.speed) if self._cannot else set_
+        judged = set_.judged(self._cannot is not None)
         courses = [leg.bearing]
         for one, other in zip(self.route[self.target :], self.route[self.target + 1 :], strict=False):
             courses.append(bearing_and_distance(one.place, other.place)[0])
-        places = [self.target + step for step, course in enumerate(courses) if not calmer.holds(course)]
+        places = [self.target + step for step, course in enumerate(courses) if not judged.holds(course)]
         if not places:
             self._cannot, self._strong_since = None, known.time
         elif not known.time - self._strong_since >= STRONG_S:
             self._strong_since = min(self._strong_since, known.time)
         elif self._cannot is None or self._cannot[0] != places[0]:
-            strength = math.hypot(set_.north, set_.east)
-            said = f"the leg to waypoint {places[0]}: {strength:.1f} m/s of current, the boat does {set_.speed:.1f} m/s"
-            self._cannot = places[0], said
+            self._cannot = places[0], f"the leg to waypoint {places[0]}: {set_.in_words()}"
 
     def _event(self, now: float) -> AlarmEvent | None:
         held = f"holding {compass_text(self._held or 0.0, 1)} deg"

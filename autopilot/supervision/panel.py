@@ -257,7 +257,7 @@ WORDS = {
     ),
     "wind_lost": Words(
         "wind lost",
-        "check the wind vane and its link, then order the wind hold again",
+        "check the wind vane and its link, or wait where it is calm; then order the wind hold again",
         sentence="{text}: {detail}; {remedy}",
     ),
     "wind_shifted": Words(
