@@ -8,7 +8,7 @@ damping that would at the largest rate seen take some twice the rudder's whole m
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -448,16 +448,11 @@ def approached(space: Space, start: FloatArray) -> tuple[FloatArray, float]:
     Newton's steps with the average information (`weather_information`), of boat and weather apart, for what a record
     tells of either goes little with the other; near the end a quasi-Newton search that begins with it.
     """
-    z = start
-    loss, slope, known = space.slope(z, whole=True)
-    for _ in range(ITERATIONS):
-        inverted = inverse(known)
-        if not (math.isfinite(loss) and 0.5 * float(slope @ inverted @ slope) > NEAR):
-            break
-        found = _stepped(space, z, loss, -inverted @ slope, whole=True)
-        if found is None:
-            break
-        z, (loss, slope, known) = found
+
+    def newton(slope: FloatArray, known: FloatArray) -> FloatArray:
+        return np.asarray(-inverse(known) @ slope)
+
+    z, loss, slope, known = _stepped_on(space, start, newton, NEAR)
     z, loss, _ = _descended(space, z, loss, slope, inverse(known), STAYS)
     return z, loss
 
@@ -465,17 +460,31 @@ def approached(space: Space, start: FloatArray) -> tuple[FloatArray, float]:
 def in_weather(space: Space, z: FloatArray) -> tuple[FloatArray, float]:
     """Return a vector of the likeliest boat in the weather of `z`, and the loss there."""
     boat = np.array(space.boat)
+
+    def of_boat(slope: FloatArray, known: FloatArray) -> FloatArray:
+        step = np.zeros_like(slope)
+        step[boat] = -inverse(known[np.ix_(boat, boat)]) @ slope[boat]
+        return step
+
+    z, loss, _, _ = _stepped_on(space, z, of_boat, STAYS)
+    return z, loss
+
+
+def _stepped_on(
+    space: Space, z: FloatArray, step_of: Callable[[FloatArray, FloatArray], FloatArray], until: float
+) -> tuple[FloatArray, float, FloatArray, FloatArray]:
+    """Return a vector, its loss, slope and information after steps, each by the last two, until one promises no more
+    than that."""
     loss, slope, known = space.slope(z, whole=True)
     for _ in range(ITERATIONS):
-        step = np.zeros_like(z)
-        step[boat] = -inverse(known[np.ix_(boat, boat)]) @ slope[boat]
-        if not (math.isfinite(loss) and -0.5 * float(step @ slope) > STAYS):
+        step = step_of(slope, known)
+        if not (math.isfinite(loss) and -0.5 * float(step @ slope) > until):
             break
         found = _stepped(space, z, loss, step, whole=True)
         if found is None:
             break
         z, (loss, slope, known) = found
-    return z, loss
+    return z, loss, slope, known
 
 
 def _descended(

@@ -250,8 +250,7 @@ def _likeliest_rate(found: Identified, ordered: Sequence[Run], rate: RudderRate)
 
     def behind(at: float) -> LikelihoodFit | None:
         if at not in known:
-            moved = [with_rudder_of(run, rate._replace(rate=at)) for run in ordered]
-            known[at] = moved_to(likely, _segments_of(moved), speed)
+            known[at] = _moved_behind(likely, ordered, rate._replace(rate=at), speed)
         return known[at]
 
     here = float(rate.rate)
@@ -298,9 +297,8 @@ def with_unsure_rate(
         return found
     near = _likeliest_rate(found, ordered, rate)
     rate = rate if near is None else near.rate._replace(is_sure=False)
-    moved, speed = [with_rudder_of(run, rate) for run in ordered], found.model.reference_speed
-    pair = [moved_to(found.likely, _segments_of(runs), speed) for runs in (ordered, moved)]
-    if pair[0] is not None and pair[1] is not None and pair[0].loss - pair[1].loss - 1.0 < -SURE:
+    gain = _gain(*_moved_to_both(found.likely, ordered, rate, found.model.reference_speed))
+    if gain is not None and gain < -SURE:
         return found
     behind = _behind(ordered, rate, identify)
     compared = None if behind is None else _of_both(found, behind, ordered, rate, identify)
@@ -319,13 +317,12 @@ def _of_both(
     if found.likely is None or behind.likely is None:
         return None
     # likelihoods are compared on one grid of times
-    pair: list[LikelihoodFit | None] = [found.likely, behind.likely]
+    pair: tuple[LikelihoodFit | None, LikelihoodFit | None] = found.likely, behind.likely
     if [motion.shape for motion in found.likely.motions] != [motion.shape for motion in behind.likely.motions]:
-        moved, speed = [with_rudder_of(run, rate) for run in ordered], found.model.reference_speed
-        pair = [moved_to(behind.likely, _segments_of(runs), speed) for runs in (ordered, moved)]
-    if pair[0] is None or pair[1] is None:
+        pair = _moved_to_both(behind.likely, ordered, rate, found.model.reference_speed)
+    gain = _gain(*pair)
+    if gain is None:
         return None
-    gain = pair[0].loss - pair[1].loss - 1.0
     if gain > (0.0 if rate.is_sure else SURE):
         found, behind, gain = with_doubt_of_rate(behind, ordered, rate._replace(is_sure=True), identify), found, -gain
     q = 0.5 * (1.0 + math.tanh(0.5 * gain))
@@ -352,6 +349,26 @@ def _of_both(
 def _segments_of(runs: Sequence[Run]) -> tuple[Segment, ...]:
     """Return the segments of all runs."""
     return tuple(segment for run in runs for segment in run.segments)
+
+
+def _moved_to_both(
+    likely: LikelihoodFit, ordered: Sequence[Run], rate: RudderRate, speed: float
+) -> tuple[LikelihoodFit | None, LikelihoodFit | None]:
+    """Return the likeliest boats near `likely` of the runs as `ordered`, and behind a gear of that `rate`, on one grid
+    of times."""
+    return moved_to(likely, _segments_of(ordered), speed), _moved_behind(likely, ordered, rate, speed)
+
+
+def _moved_behind(
+    likely: LikelihoodFit, ordered: Sequence[Run], rate: RudderRate, speed: float
+) -> LikelihoodFit | None:
+    """Return the likeliest boat near `likely` of the runs behind a gear of that `rate`."""
+    return moved_to(likely, _segments_of([with_rudder_of(run, rate) for run in ordered]), speed)
+
+
+def _gain(direct: LikelihoodFit | None, behind: LikelihoodFit | None) -> float | None:
+    """Return how much likelier the fit `behind` a gear is, which has a number more; None where there is not either."""
+    return None if direct is None or behind is None else direct.loss - behind.loss - 1.0
 
 
 def _behind(
