@@ -134,8 +134,8 @@ def summary(findings: list[Finding]) -> str:
 
 
 def _show(findings: list[Finding]) -> None:
-    rows = [("", "", "")]
+    rows: list[tuple[str, str, str]] = []
     for finding in findings:
         rows.append((f"{WORDS[finding.verdict]:5}", finding.name, finding.found))
         rows += [("", "", f"-> {finding.cure}")] * bool(finding.verdict and finding.cure)
-    print(*aligned(rows)[1:], sep="\n")
+    print(*aligned(rows, has_head=False), sep="\n")

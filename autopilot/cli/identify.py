@@ -132,8 +132,7 @@ def run(arguments: argparse.Namespace) -> int:
         from autopilot.files.printable import aligned
         from autopilot.identification.registry import METHODS
 
-        rows = [("", ""), *((method.name, method.summary) for method in METHODS)]
-        print(*aligned(rows)[1:], sep="\n")
+        print(*aligned([(method.name, method.summary) for method in METHODS], has_head=False), sep="\n")
         return int(ExitCode.OK)
     if arguments.roll:
         from autopilot.cli.identify_drive_roll import identified_roll

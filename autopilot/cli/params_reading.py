@@ -111,13 +111,13 @@ def _show_firmware(firmware: FirmwareFile) -> None:
     print(f"names checked with {', '.join(firmware.checked_with) or 'no version'}")
     for name, parameters in itertools.groupby(entries(firmware), key=lambda each: each[0]):
         doc = firmware.groups[name].doc
-        rows = [("", "", "")]
+        rows: list[tuple[str, str, str]] = []
         for _, parameter, entry in parameters:
             notes = [entry.doc] if entry.doc else []
             notes += [f"also named {', '.join(entry.also_named)}"] if entry.also_named else []
             notes += ["needs a reboot"] if entry.reboot else []
             rows.append((f"  {parameter:<16}", f"{f'{entry.value} {entry.unit}'.rstrip():<10}", "; ".join(notes)))
-        print(f"\n{name}{': ' + doc if doc else ''}", *aligned(rows)[1:], sep="\n")
+        print(f"\n{name}{': ' + doc if doc else ''}", *aligned(rows, has_head=False), sep="\n")
 
 
 def convert(arguments: argparse.Namespace) -> int:

@@ -72,8 +72,9 @@ def fixed(value: float, places: int, sign: str = "") -> str:
     return f"{value:{sign}.{places}f}" if abs(value) < LONG else f"{value:{sign}.3g}"
 
 
-def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[str]:
-    """Return the rows of a table, one each: columns flush left, those of `right` flush right.
+def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = (), has_head: bool = True) -> list[str]:
+    """Return the rows of a table, one each: columns flush left, those of `right` flush right. The first row holds the
+    names of the columns where it `has_head`.
 
     Where they would be wider than a terminal, the names of the columns stand in several lines; where that is not
     enough, so do the cells that are flush left, the widest column first. No word is broken.
@@ -81,7 +82,7 @@ def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[
     cells = [[[cell] for cell in row] for row in rows]
     left = sorted(set(range(len(rows[0]))) - set(right))
     if sum(_widths(cells)) + 2 * (len(rows[0]) - 1) > WIDEST:
-        for place, cell in enumerate(rows[0]):
+        for place, cell in enumerate(rows[0] if has_head else ()):
             least = max(map(len, cell.split()), default=0)
             cells[0][place] = _lines(cell, max([least, *(len(row[place]) for row in rows[1:])]))
     widths = _widths(cells)
@@ -101,7 +102,7 @@ def aligned(rows: Sequence[Sequence[str]], right: Collection[int] = ()) -> list[
     for at, row in enumerate(cells):
         deepest = max(map(len, row))
         # a head stands above its numbers, a cell beside the beginning of the others
-        filled = [[""] * (deepest - len(cell)) + cell if at == 0 else cell for cell in row]
+        filled = [[""] * (deepest - len(cell)) + cell if at == 0 and has_head else cell for cell in row]
         lines = [
             "  ".join(
                 line.rjust(width) if place in right else line.ljust(width)

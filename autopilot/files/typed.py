@@ -267,17 +267,20 @@ class Shipped(NamedTuple):
             begun = [each for each in (*shipped, *also) if each.startswith(name)]
             near = " or ".join(begun) or nearest(name, [*shipped, *also])
             hint = f"did you mean {near}?" if near else f"shipped are {', '.join([*shipped, *also])}."
-            for folder in self._place("").iterdir():
+            for folder in self._package().iterdir():
                 if (folder / f"{name}.yaml").is_file():
                     raise InputError(f"{name}: a shipped file of another kind ({folder.name}); {hint}")
             raise InputError(f"{name}: neither a file nor {self.kind}; {hint}")
         text = (self._place() / f"{name}.yaml").read_text(encoding="utf-8")
         return parse_document(text, f"{name}.yaml (shipped)")
 
-    def _place(self, *folders: str) -> Traversable:
+    def _place(self) -> Traversable:
+        return self._package() / self.folder
+
+    def _package(self) -> Traversable:
         from importlib import resources  # what runs a boat from a path does without
 
-        return resources.files(self.package).joinpath(*(folders or (self.folder,)))
+        return resources.files(self.package)
 
 
 def is_path(path_or_name: str | Path) -> bool:

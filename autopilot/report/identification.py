@@ -345,6 +345,7 @@ def _stages(result: Result) -> dict[str, float | None]:
 def as_text(result: Result) -> str:
     """Return the result as tables and sentences."""
     found, model, verdict = result.found, result.found.model, verdict_on(result).sentence
+    stages = _stages(result)
     rows = [("", "estimate", "standard error", "95 % interval", "unit")]
     beside: dict[str, list[str]] = {"In degrees": [], "By two stages (RLS)": []}
     for quantity, value in known_quantities(found):
@@ -352,7 +353,7 @@ def as_text(result: Result) -> str:
         if value is not None and quantity.factor != 1.0:
             in_degrees = f"{quantity.symbol} {value / quantity.factor:.5g} {quantity.unit_deg}"
             beside["In degrees"].append(in_degrees)
-        if (staged := _stages(result).get(quantity.symbol)) is not None:
+        if (staged := stages.get(quantity.symbol)) is not None:
             beside["By two stages (RLS)"].append(f"{quantity.symbol} {staged:.5g} {quantity.unit}")
         rows.append(
             (
