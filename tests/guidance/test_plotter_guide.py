@@ -543,15 +543,20 @@ def test_skippers_tell_the_plotter_s_guide_how_the_boat_turns() -> None:
     assert sea.skipper.plotter.turn_radius == sea.track.settings.turn_radius > 0.0
 
 
+def of_two_plotters(guide: PlotterGuide, now: float) -> None:
+    """Take what two plotters say at `now` [s]: the second comes after 5 s, the first goes after 10 s."""
+    if now < 10.0:
+        guide.take(PlotterLeg(now, 0.0, 0.0, 0.0, "A", source="one"))
+    if now > 5.0:
+        guide.take(PlotterLeg(now, 1.0, 0.0, 0.0, "B", source="two"))
+
+
 def test_the_alarm_of_a_silent_plotter_names_the_other_that_may_be_followed() -> None:
     guide = PlotterGuide()
     guide.follow()
     for second in range(40):
         now = float(second)
-        if second < 10:
-            guide.take(PlotterLeg(now, 0.0, 0.0, 0.0, "A", source="one"))
-        if second > 5:
-            guide.take(PlotterLeg(now, 1.0, 0.0, 0.0, "B", source="two"))
+        of_two_plotters(guide, now)
         course = guide.course(now, 0.0, SPEED)
     assert course == 0.0
     assert "silent for 8 s or more: holding 000.0 deg, f follows another that leads elsewhere" in words(guide.alarm)
@@ -567,10 +572,7 @@ def test_an_idle_third_plotter_does_not_hide_the_one_that_may_be_followed() -> N
     guide.follow()
     for second in range(40):
         now = float(second)
-        if second < 10:
-            guide.take(PlotterLeg(now, 0.0, 0.0, 0.0, "A", source="one"))
-        if second > 5:
-            guide.take(PlotterLeg(now, 1.0, 0.0, 0.0, "B", source="two"))
+        of_two_plotters(guide, now)
         guide.course(now, 0.0, SPEED)
         if second > 20:
             said.add(words(guide.alarm))

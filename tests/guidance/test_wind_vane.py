@@ -77,6 +77,10 @@ class Boat:
         self.guide.follow(self.now, is_true, angle)
         self.sail(0.5)
 
+    def turn_over(self, manoeuvre: Manoeuvre, *given: int) -> None:
+        self.guide.ask(self.now, manoeuvre, *given)
+        self.guide.confirm(self.now)
+
 
 @given(ANGLES, st.floats(1.0, 25.0), st.floats(0.0, 12.0))
 def test_the_angle_that_is_held_is_had_on_the_heading_that_is_ordered(true: float, speed: float, way: float) -> None:
@@ -321,8 +325,7 @@ def test_a_tack_that_hangs_in_irons_is_said_until_the_boat_turns_on() -> None:
     boat = Boat(quick=6.0 * DEG)
     boat.hold(True, 45.0 * DEG)
     boat.sail(30.0)
-    boat.guide.ask(boat.now, Manoeuvre.TACK)
-    boat.guide.confirm(boat.now)
+    boat.turn_over(Manoeuvre.TACK)
     boat.sail(8.0)
     assert abs(wrap(boat.wind_from - boat.heading)) < 5.0 * DEG
     boat.quick = 1.0e-4
@@ -342,8 +345,7 @@ def test_a_boat_in_irons_is_said_for_as_long_and_may_be_turned_back() -> None:
     boat = Boat(quick=6.0 * DEG)
     boat.hold(True, 45.0 * DEG)
     boat.sail(30.0)
-    boat.guide.ask(boat.now, Manoeuvre.TACK)
-    boat.guide.confirm(boat.now)
+    boat.turn_over(Manoeuvre.TACK)
     boat.sail(8.0)
     boat.quick = 1.0e-4
     boat.sail(20.0)
@@ -355,8 +357,7 @@ def test_a_boat_in_irons_is_said_for_as_long_and_may_be_turned_back() -> None:
     boat.wind_from += 20.0 * DEG
     boat.sail(60.0)
     assert words(boat.guide.alarm).startswith("the tack or gybe has stalled, 6"), "the wind has veered by 20 deg"
-    boat.guide.ask(boat.now, Manoeuvre.TACK)
-    boat.guide.confirm(boat.now)
+    boat.turn_over(Manoeuvre.TACK)
     boat.quick = 6.0 * DEG
     boat.sail(60.0)
     assert boat.guide.alarm is None and wrap(boat.wind_from - boat.heading) == pytest.approx(45.0 * DEG, abs=0.02)
@@ -370,8 +371,7 @@ def test_a_vane_that_froze_before_an_order_does_not_take_it_back(order: str, ang
     before, frozen = boat.heading, boat.sample()
     boat.sail(2.0, sample=frozen)
     if order:
-        boat.guide.ask(boat.now, Manoeuvre[order])
-        boat.guide.confirm(boat.now)
+        boat.turn_over(Manoeuvre[order])
     else:
         boat.guide.turn_by(turned * DEG)
     boat.sail(60.0, sample=frozen)
@@ -384,8 +384,7 @@ def test_a_boat_that_hangs_in_irons_may_be_ordered_back_to_its_side(back: float)
     boat = Boat(quick=6.0 * DEG)
     boat.hold(True, 45.0 * DEG)
     boat.sail(30.0)
-    boat.guide.ask(boat.now, Manoeuvre.TACK)
-    boat.guide.confirm(boat.now)
+    boat.turn_over(Manoeuvre.TACK)
     boat.sail(6.0)
     boat.quick = 1.0e-4
     boat.sail(70.0)
@@ -411,8 +410,7 @@ def test_a_slow_turn_is_no_stall(rate: float) -> None:
     boat = Boat(quick=rate * DEG)
     boat.hold(True, 25.0 * DEG)
     boat.sail(120.0)
-    boat.guide.ask(boat.now, Manoeuvre.TACK)
-    boat.guide.confirm(boat.now)
+    boat.turn_over(Manoeuvre.TACK)
     for _ in range(160):
         boat.sail(0.5)
         assert boat.guide.alarm is None
@@ -438,8 +436,7 @@ def test_a_turn_that_nobody_confirms_is_cancelled() -> None:
 def test_a_confirmation_that_is_repeated_turns_once() -> None:
     boat = Boat(quick=6.0 * DEG)
     boat.hold()
-    boat.guide.ask(boat.now, Manoeuvre.TACK)
-    boat.guide.confirm(boat.now)
+    boat.turn_over(Manoeuvre.TACK)
     angle = boat.guide.hold
     boat.sail(1.0)
     boat.guide.confirm(boat.now)
